@@ -301,8 +301,10 @@ def _(effect: physics.Backlash) -> LawCode:
             return LawCode(text, tuple(effect.initial_state()), "wound")
         text = f"friction[{j}] -= {dry} * loose(m, q[{j}], {number(effect.gap / 2)})"
         return LawCode(text, tuple(effect.initial_state()), "loose")
+    slowed, flank = number(effect.damping or 0.0), number(effect.gap / 2)
     text = (
-        f"displacement[{j}] += play(m, time, load[{j}] / inertia(q, {j}), {number(effect.gap / 2)})"
+        f"const double moved = inertia(q, {j}); "
+        f"displacement[{j}] += play(m, time, load[{j}] / moved, {slowed} / moved, {flank})"
     )
     return LawCode(text, tuple(effect.initial_state()), "play")
 

@@ -298,7 +298,8 @@ def write_play(
     Raises:
         ConfigError: The joint, or the hinge that is its play, is not named in the file.
     """
-    if not differ(stated.gap, wanted.gap):
+    same_damping = not differ(stated.gap_damping, wanted.gap_damping)
+    if same_damping and not differ(stated.gap, wanted.gap):
         return
     half = wanted.gap / 2
     ends = as_list(*(np.rad2deg([-half, half]) if spec.compiler.degree else (-half, half)))
@@ -306,6 +307,8 @@ def write_play(
         text, element = _found_joint(texts, plays[joint], into)
         if wanted.gap:
             text.set(element, "range", ends)
+            if not same_damping:
+                text.set(element, "damping", as_list(wanted.gap_damping))
         else:
             text.drop(element)
         return
@@ -315,9 +318,9 @@ def write_play(
     text.insert_after(
         element,
         f'<joint name="{in_xml(joint)}_backlash" type="hinge" pos="{as_list(*own.pos)}" '
-        f'axis="{as_list(*own.axis)}" range="{ends}" limited="true" ref="0" damping="0" '
-        'stiffness="0" frictionloss="0" armature="0" actuatorfrclimited="false" '
-        f'solreflimit="{quick}" solimplimit="{_FIRM}"/>',
+        f'axis="{as_list(*own.axis)}" range="{ends}" limited="true" ref="0" '
+        f'damping="{as_list(wanted.gap_damping)}" stiffness="0" frictionloss="0" armature="0" '
+        f'actuatorfrclimited="false" solreflimit="{quick}" solimplimit="{_FIRM}"/>',
     )
 
 

@@ -71,7 +71,7 @@ def described_effects(
                 )
             )
         if stated.gap:
-            found.append(Backlash(joint=joint, gap=stated.gap))
+            found.append(Backlash(joint=joint, gap=stated.gap, damping=stated.gap_damping or None))
         found += _bristles(joint, stated.bristles)
         if stated.slips:
             stiffness, width = zip(*stated.slips, strict=True)

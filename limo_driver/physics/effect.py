@@ -369,6 +369,7 @@ class Hypothesis:
     settings: tuple[float, ...] = ()  # what is not linear in the torque, for a refinement
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)  # of settings
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings
+    sized: bool = False  # whether a setting is its size, of which it is: its coefficient is one
     law: str = ""  # in words, where the effect follows one of several
     # effects of a simulation and coefficients → its effects, where adding to them is not enough
     enter: Enter | None = field(default=None, compare=False)

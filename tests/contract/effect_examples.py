@@ -14,6 +14,7 @@ EXAMPLES = {
     "asymmetric_friction": [{"tau_plus": 1.2, "tau_minus": 0.7}],
     "backlash": [
         {"gap": 5e-3},
+        {"gap": 5e-3, "damping": 20.0},
         {"gap": 5e-3, "drag": 0.8, "v_eps": 0.004},
         {"gap": 5e-3, "drag": 0.8, "width": 2e-3, "v_eps": 0.004},
     ],

@@ -187,9 +187,6 @@ class SOLVING:
     blamed: float = setting(0.5, "of the squared deviation of a simulation from its linear fit",
         "that goes with a member which may be to blame",
         "higher blames what feeds a runaway; lower what only adds to it")
-    unbound: float = setting(10.0, "times the tolerance",
-        "that a value at its limit is given, to see where data put it",
-        "higher lets what little the motion shows be anywhere; lower draws it back")
     linearisation_is_poor: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")
@@ -275,6 +272,10 @@ class LAWS:
     carried: float = setting(0.02, "of the friction of all springs",
         "that one of the grid has to carry, to be among these",
         "lower refines shares of noise; higher loses the last width")
+    recorded: float = setting(0.2, "of the impacts of a play",
+        "that have to be in the torque above the bandwidth, as sharp and that way",
+        "higher loses play whose drive recoils; lower takes other jumps for impacts",
+        chosen="0.38 of a damped play's, at most 0.06 of five that stood for other friction")
 
 
 @settings

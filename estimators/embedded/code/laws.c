@@ -144,14 +144,15 @@ static double inertia(const double q[N], int j)
 
 /*: play */
 /* Memory: displacement of the link, its speed, last time. */
-static double play(double *memory, double time, double ahead, double flank)
+static double play(double *memory, double time, double ahead, double slowed, double flank)
 {
     if (isnan(memory[2])) {
         memory[0] = ahead != 0.0 ? copysign(flank, ahead) : 0.0;
     } else {
         const double step = time - memory[2];
-        memory[0] += memory[1] * step + 0.5 * ahead * step * step;
-        memory[1] += ahead * step;
+        const double speed = (memory[1] + ahead * step) / (1.0 + slowed * step);
+        memory[0] += 0.5 * (memory[1] + speed) * step;
+        memory[1] = speed;
     }
     if (fabs(memory[0]) >= flank) {
         memory[0] = copysign(flank, memory[0]);

@@ -87,7 +87,8 @@ def split(
             if not falls or simulation.model.sliding[j]:
                 left.append(effect)
                 continue
-            joints[j] = replace(joints[j], gap=joints[j].gap + effect.gap)
+            gap, damping = joints[j].gap + effect.gap, effect.damping or 0.0
+            joints[j] = replace(joints[j], gap=gap, gap_damping=damping)
         else:
             j = effect.joints[0] - 1
             is_slip = with_slips and target == MJCF and _slips(effect)

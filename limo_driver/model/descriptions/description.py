@@ -71,6 +71,7 @@ class JointDynamics:
     slips: tuple[StatedSlip, ...] = ()
     ripples: tuple[StatedRipple, ...] = ()
     gap: float = 0.0  # [rad], of a play
+    gap_damping: float = 0.0  # [N m s/rad], of the fall across it
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ _NOT_FELT: Final = {
     "drag": ("drag",),
     "friction with memory": ("bristles", "slips"),
     "cogging": ("ripples",),
-    "play": ("gap",),
+    "play": ("gap", "gap_damping"),
 }
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.physics.description import Confusion, Description
-from limo_driver.physics.effect import MOST_TORQUE, Hypothesis, MotionEffect, State
+from limo_driver.physics.effect import MOST_SLOPE, MOST_TORQUE, Hypothesis, MotionEffect, State
 from limo_driver.physics.effects.friction import SIGN_WIDTH, dry_at, sign_width_at
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.parameters import parameter
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion
     from limo_driver.types import FloatArray
 
-GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3, 2e-2)  # [rad], of a play that is looked for
+DAMPINGS, DAMPED = (3.0, 100.0), (0.3, 1000.0)  # [N m s/rad], of a fall that grease slows
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
 WOUND = "that of a drag that winds up what gives way, at either end of the gap"
+FREE = "that of a link that falls across the gap"
+SLOWED = "that of a link whose fall across the gap is damped"
 AT_ONCE = "that of a drag that is not felt within the gap"
 _PARTS, _PART = (0.05, 1.0), 0.4  # of the gap, that winds up; more would be presliding
 MOST_DRAG = 1.5  # of the dry friction that is known, to its tolerance: a drag is a part of that
@@ -36,9 +39,9 @@ class Backlash(MotionEffect):
     """Play between drive and link, q_link = q - x with |x| ≤ gap / 2.
 
     The load presses the teeth on one flank. When it changes sign, the link floats across the gap,
-    inertia ddx = tau with tau the nominal rigid-body torque, and no torque passes until it meets
-    the other flank, where it stays: the impact is without rebound. A link of unknown inertia
-    crosses at once.
+    inertia ddx = tau - damping dx with tau the nominal rigid-body torque, and no more than the
+    damping of what fills the gap, as grease, passes until it meets the other flank, where it
+    stays: the impact is without rebound. A link of unknown inertia crosses at once.
 
     With `drag`, the drive beyond the gap stays where its own friction holds it, and is taken along
     at a flank: x ← clip(x + Δq, -gap/2, gap/2). The link is where the encoder says; what is not
@@ -50,12 +53,13 @@ class Backlash(MotionEffect):
 
     Args:
         gap: Whole play.
+        damping: Of the fall across the gap.
         drag: Friction beyond the gap, not felt within it.
         width: Over which the drag comes up at a flank: drag over the stiffness of what gives way.
         v_eps: Width of the smoothed sign of the drag.
 
     Raises:
-        ConfigError: A width is given, and no drag that has one.
+        ConfigError: A width is given, and no drag that has one; or a damping, and no fall.
 
     Source: Nordin and Gutman, "Controlling mechanical systems with backlash - a survey", Automatica
     38(10), 2002: its friction-driven and inertia-driven hysteresis.
@@ -90,6 +94,7 @@ class Backlash(MotionEffect):
     agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
     needs_inertia: ClassVar[bool] = True
     gap: float = parameter("rad", lower=0.0, upper=0.2, adds=True)
+    damping: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
     drag: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
     width: float | None = parameter("rad", lower=1e-9, upper=0.2, default=None)
     v_eps: float | None = parameter(
@@ -106,6 +111,8 @@ class Backlash(MotionEffect):
         for name in ("v_eps", "width") if self.drag is None else ():
             if getattr(self, name) is not None:
                 raise ConfigError(f"{self.place}: has a {name}, and no drag, which has it")
+        if self.drag is not None and self.damping is not None:
+            raise ConfigError(f"{self.place}: has a drag, and a damping of a fall, which has none")
         if self.drag is not None and self.v_eps is None:
             object.__setattr__(self, "v_eps", SIGN_WIDTH)
 
@@ -126,7 +133,8 @@ class Backlash(MotionEffect):
                 np.full_like(motion.load, _LIGHT) if motion.inertia is None else motion.inertia
             )
             ahead = np.ascontiguousarray(motion.load / inertia)
-            return _float(after, motion.time, ahead, flank), after
+            slowed = np.ascontiguousarray((self.damping or 0.0) / inertia)
+            return _float(after, motion.time, ahead, slowed, flank), after
         position = np.ascontiguousarray(motion.position)
         sign = np.tanh(motion.velocity / (self.v_eps or SIGN_WIDTH))
         if self.width is not None:
@@ -140,13 +148,13 @@ class Backlash(MotionEffect):
 
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
-        """Yield several gaps of both forms; of drags, those that leave a friction in the gap.
+        """Yield several gaps, damped or not, or with drags that leave a friction in the gap.
 
         More would drive the joint after each reversal, as friction does that still acts the way it
         did before: presliding.
         """
         for gap in GAPS:
-            yield cls.of_gap(joint, gap)
+            yield from (cls.of_gap(joint, gap, damping) for damping in (None, *DAMPINGS))
         width, most = sign_width_at(joint, recorded), MOST_DRAG * dry_at(joint, recorded)
         for gap in DRAGGED_GAPS if most > 0 else ():
             yield cls.of_drag(joint, width, most, gap)
@@ -156,23 +164,30 @@ class Backlash(MotionEffect):
         """Yield a drag that winds something up, where one that is there at once was found.
 
         It goes and comes over a distance beside the gap, so that the gap itself is less; and the
-        friction that is known is that of a joint without play, of which the drag may be more.
+        friction that is known is that of a joint without play, of which the drag may be more. And
+        yield falls that are damped, of which the best gap differs from that of a free one.
         """
+        if found.law in {FREE, SLOWED} and isinstance(found.family, partial):
+            yield from (found.family(found.settings[0], damping) for damping in DAMPINGS)
         if found.law == AT_ONCE and isinstance(found.family, partial):
             joint, v_eps, _ = found.family.args
             yield cls.of_drag(joint, v_eps, math.inf, found.settings[0] / (1 + _PART), _PART)
 
     @classmethod
-    def of_gap(cls, joint: int, gap: float) -> Hypothesis:
-        """Return play at one joint; how long the link floats depends on the gap [rad]."""
+    def of_gap(cls, joint: int, gap: float, damping: float | None = None) -> Hypothesis:
+        """Return play at one joint; how long the link floats depends on gap [rad] and damping."""
+        settings = (gap,) if damping is None else (gap, damping)
+        own = ((0.3 * gap, 3.0 * gap), DAMPED)[: len(settings)]
         return Hypothesis.of_one(
-            cls(joint=joint, gap=gap),
+            cls(joint=joint, gap=gap, damping=damping),
             "gap",
             positive=True,
-            settings=(gap,),
+            settings=settings,
             family=partial(cls.of_gap, joint),
-            bounds=((0.3 * gap, 3.0 * gap),),
-            law="that of a link that falls across the gap",
+            bounds=own,
+            sized=True,
+            most=2.0,  # beyond, another gap of the grid is nearer
+            law=FREE if damping is None else SLOWED,
         )
 
     @classmethod
@@ -202,11 +217,14 @@ class Backlash(MotionEffect):
         )
 
 
-@compiled(reads=("time", "ahead"), nogil=True)
-def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float) -> FloatArray:
+@compiled(reads=("time", "ahead", "slowed"), nogil=True)
+def _float(
+    state: FloatArray, time: FloatArray, ahead: FloatArray, slowed: FloatArray, flank: float
+) -> FloatArray:
     """Advance (displacement, its speed, last time) in place; return displacements (T,) [rad].
 
-    `ahead` is the acceleration of the displacement while the link floats, (T,) [rad/s²].
+    `ahead` is the acceleration of the displacement while the link floats, (T,) [rad/s²], and
+    `slowed` what of its speed is lost, (T,) [1/s]. Both are held for a step.
     """
     x, speed, last = state
     displacement = np.empty(time.size)
@@ -215,8 +233,9 @@ def _float(state: FloatArray, time: FloatArray, ahead: FloatArray, flank: float)
             x = math.copysign(flank, ahead[t]) if ahead[t] != 0.0 else 0.0
         else:
             step = time[t] - last
-            x += speed * step + 0.5 * ahead[t] * step**2
-            speed += ahead[t] * step
+            before = speed
+            speed = (speed + ahead[t] * step) / (1.0 + slowed[t] * step)
+            x += 0.5 * (before + speed) * step
         if abs(x) >= flank:
             x, speed = math.copysign(flank, x), 0.0
         last = time[t]

@@ -110,6 +110,18 @@ def test_a_link_falls_across_the_gap_and_stays_there():
     np.testing.assert_allclose(shift[time > 0.15], -1e-3)
 
 
+@pytest.mark.parametrize("rate", [100.0, 1000.0, 10_000.0])
+def test_a_damped_fall_nears_the_speed_at_which_its_damping_bears_the_load(rate):
+    play = Backlash(joint=1, gap=0.02, damping=50.0)
+    time = np.arange(-0.1, 0.5, 1.0 / rate)
+    load, zero = np.where(time < 0.0, 1.0, -1.0), np.zeros_like(time)
+    motion = JointMotion(time, zero, zero, zero, load, inertia=np.full_like(time, 2.0))
+    shift, _ = play.advance(play.initial_state(), motion)
+    falling, lag = (time > 0.02) & (time < 0.45), 2.0 / 50.0  # [s] until it has that speed
+    fallen = (time - lag * (1.0 - np.exp(-time / lag))) / 50.0
+    np.testing.assert_allclose(shift[falling], 0.01 - fallen[falling], atol=3e-4 * 100.0 / rate)
+
+
 def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
     play = Backlash(joint=1, gap=4e-3, drag=1.5, v_eps=1e-3)
     forth = np.arange(0.0, 0.02, 1e-3)
@@ -161,6 +173,8 @@ def test_a_play_is_of_one_form():
     for name in ("v_eps", "width"):
         with pytest.raises(ConfigError, match=f"has a {name}, and no drag"):
             Backlash(joint=1, gap=2e-3, **{name: 0.01})
+    with pytest.raises(ConfigError, match="has a drag, and a damping of a fall"):
+        Backlash(joint=1, gap=2e-3, drag=1.0, damping=1.0)
 
 
 def test_the_impact_of_a_play_is_in_a_recorded_motion_alone(motion):

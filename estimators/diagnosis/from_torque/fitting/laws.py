@@ -292,7 +292,13 @@ class _Local:
         gram[size:, :size] = gram[:size, size:].T
         own = replace(candidate.prior, index=size + candidate.prior.index)
         evidence = self._alone.extended(NormalEquations(gram, product))
-        return evidence.gain(joined(self._others, own))
+        prior = joined(self._others, own)
+        gain = evidence.gain(prior)
+        if not hypothesis.sized:
+            return gain
+        fit = evidence.posterior(prior)  # of another size than one, its settings would be others
+        off, deviation = float(fit.mean[-1]) - 1.0, float(fit.deviation[-1])  # none at a limit
+        return gain - 0.5 * (off / deviation) ** 2 if deviation else -REFINEMENT.rejected
 
 
 def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> Candidate | None:

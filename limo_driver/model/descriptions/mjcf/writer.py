@@ -71,7 +71,9 @@ class ArmWriter:
             title, own = joint_name(self.model, joint), joint_name(self.model, play)
             low, high = self.model.jnt_range[play].tolist()
             self.plays[title] = own
-            self.dynamics[title] = replace(self.dynamics[title], gap=high - low)
+            damping = float(self.model.dof_damping[self.model.jnt_dofadr[play]])
+            known = self.dynamics[title]
+            self.dynamics[title] = replace(known, gap=high - low, gap_damping=damping)
             self.notes.append(
                 f"joint {own} has no actuator and {high - low:.3g} rad of range: it is the play of "
                 f"{title}, about the middle of that range"

@@ -114,6 +114,19 @@ def test_the_link_is_where_limo_says(arm, tmp_path):
         np.testing.assert_allclose(shift, expected, rtol=0.03, atol=1e-3)
 
 
+def test_a_damped_fall_is_the_damping_of_that_hinge_there_and_back(arm, tmp_path):
+    path = arm(PLAY.replace("/>", ' damping="3"/>'))
+    simulation = Simulation.load(path)
+    (play,) = [effect for effect in simulation.effects if isinstance(effect, Backlash)]
+    assert play.damping == 3.0
+    others = [effect for effect in simulation.effects if effect is not play]
+    again = replace(simulation, effects=(*others, replace(play, damping=5.0)))
+    assert 'damping="5"' in limo.export(again, "mjcf", tmp_path / "again").diff
+    bare = replace(simulation, robot=str(arm()), effects=(*others, play))
+    written = limo.export(bare, "mjcf", tmp_path / "bare")
+    assert play in Simulation.load(written.file).effects
+
+
 @pytest.mark.slow("writes and reads four files")
 def test_there_and_back_changes_nothing(arm, tmp_path):
     path = arm(PLAY)

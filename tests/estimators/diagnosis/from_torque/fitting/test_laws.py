@@ -11,6 +11,7 @@ from lanes import sampled
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.from_torque.fitting import laws
+from estimators.diagnosis.from_torque.fitting.contribution import coefficients
 from estimators.diagnosis.from_torque.fitting.laws import confused, sentence_of
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.fitting.settling import refined
@@ -174,6 +175,30 @@ def test_settings_go_to_where_they_are_likeliest(given, seen):
     (member,) = solution.members
     found = problem.candidates[member].hypothesis
     assert (found.effect, found.settings) == (dip.name, pytest.approx((0.02, 2.0), rel=0.05))
+
+
+def test_of_a_damped_fall_gap_and_damping_are_found_and_the_size_is_that_gap(
+    given, training_recording
+):
+    hidden = Backlash(joint=2, gap=0.004, damping=20.0)
+    hanging = replace(
+        training_recording, position=training_recording.position + np.array([0.0, 1.97])
+    )  # where the load of joint 2 reverses
+    true = replace(given, effects=(*given.effects, hidden))
+    torque = Observations.of(true, [hanging], 10.0).predict(true)  # with its impacts
+    observed = Observations.of(given, [replace(hanging, torque=torque)], 10.0)
+    problem = RegressionProblem.of(observed, quiet)
+    noise = Noise.independent(np.full(2, 1e-3), problem.split.fitted)
+    (member,) = (
+        i
+        for i, candidate in enumerate(problem.candidates)
+        if candidate.place == (hidden.name, (1,)) and candidate.hypothesis.settings == (6e-3,)
+    )
+    problem, solution = refined(problem, fitted(problem, (member,), noise), quiet)
+    (member,) = solution.members
+    found = problem.candidates[member].hypothesis
+    assert found.settings == pytest.approx((hidden.gap, hidden.damping), rel=0.1)
+    assert coefficients(problem, solution, member) == pytest.approx([1.0], rel=0.05)
 
 
 def test_what_brings_most_of_what_a_member_does_is_confused_with_it(monkeypatch):
