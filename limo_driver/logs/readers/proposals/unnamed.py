@@ -1,9 +1,10 @@
 """Columns of which no name says what they are: their numbers say it, and it is asked about.
 
 As many columns as the robot has joints are taken together: numbered ones, ones that end in letters
-from A on, and, where no column has a name, one block after the other. Positions are within the
-limits; their rate of change, and the gravity torque of the arm in them, tell the others. What a
-name calls a goal, a target or the like, and what positions follow, are their set-points.
+from A on, and, where names show no such series, any that stand at even distances. Positions are
+within the limits; their rate of change, and the torque that moves and holds the described arm
+along them, tell the others, and which joint is which. What a name calls a goal, a target or the
+like, and what positions follow, are their set-points.
 """
 
 from __future__ import annotations
@@ -12,11 +13,12 @@ import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
+from itertools import combinations
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.columns import (
     COMMAND,
     COMMANDED,
@@ -26,13 +28,18 @@ from limo_driver.logs.readers.columns import (
     POSITION,
     TIME,
     TORQUE,
+    UNITS,
     VELOCITY,
     ColumnFamily,
     Name,
+    read_name,
 )
-from limo_driver.logs.readers.proposals.gravity import DECISIVE, Gravity, some_rows
-from limo_driver.logs.readers.proposals.motion_units import within_limits
+from limo_driver.logs.readers.proposals.gravity import DECISIVE, mountings, usual
+from limo_driver.logs.readers.proposals.motion_units import MARGIN
 from limo_driver.logs.readers.proposals.times import time_columns, time_in
+from limo_driver.recordings.bandwidth import bandwidth_at
+from limo_driver.recordings.filters.differentiation import Derivatives, differentiate
+from limo_driver.recordings.gate.held_values import even_runs
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,12 +53,22 @@ if TYPE_CHECKING:
 
 _COUNTED: Final = re.compile(r"column_\d+")
 _LETTERED: Final = re.compile(r"(.+?)[ _.-]?([A-Za-z])")
-_MOST: Final = 8  # groups of columns that are looked at
+_MOST: Final = 48  # columns that are looked at
 _SWEEP: Final = 0.1  # [s] over which rates and changes are compared
 _SAME: Final = 0.9  # correlation of rates with changes, of most joints
 _RANGES: Final = 2.0  # times that of positions, at most, of set-points that they follow
+_TWIN: Final = (0.99, 1.1)  # correlation and range of set-points that no name calls so
+_LEADS: Final = 0.3  # correlation with the velocity, of how far set-points are ahead
+_ORDERED: Final = 8  # joints, at most, of which other orders are tried
 _EVEN: Final = 0.5  # of the usual step, within which nearly all steps of a time are
 _NEARLY_ALL: Final = 0.9
+_PERIOD: Final = 0.01  # [s], for rows of which no column says the time
+_BANDWIDTH: Final = 5.0  # [Hz], within which arms move
+_RUN: Final = 50_000  # rows without a gap that are differentiated
+_ROWS: Final = 400  # of them that are compared
+_FOLDS: Final = 6  # parts of these rows, of which every other is predicted by the others
+_SLOW: Final = 0.02  # of a usual speed, over which dry friction changes its sign
+_ROUNDING: Final = 1e-6  # of the variance of a torque, below which none of it is explained
 
 
 @dataclass
@@ -82,8 +99,11 @@ class ByNumbers:
     ) -> ColumnFamily:
         """Take columns for a quantity, asked about under another name where it is `called` so."""
         names = tuple(replace(name, quantity=quantity, family=()) for name in family.names)
-        self.found[called or quantity] = taken = replace(family, quantity=quantity, names=names)
-        self.families = [*(other for other in self.families if other is not family), taken]
+        rank = COMMANDED if called else family.rank
+        taken = replace(family, quantity=quantity, rank=rank, names=names)
+        self.found[called or quantity] = taken
+        others = (other for other in self.families if {*other.columns} != {*family.columns})
+        self.families = [*others, taken]
         self.why += [why] if why else []
         return taken
 
@@ -98,48 +118,53 @@ def families_by_numbers(
         families: What names say.
         model: The robot.
     """
-    blocks = _blocks(table, model.n)
-    if blocks is not None:
-        time, groups = blocks
-        result = ByNumbers(time, list(groups))
-    else:
-        result = ByNumbers(time_columns(table), [*families, *_lettered(table, model.n)])
-        groups = [f for f in result.families if f.quantity == NOTHING and _is_whole(f, model.n)]
-    named = {f.quantity for f in families if _is_whole(f, model.n)}
-    lacks_torque = named.isdisjoint({TORQUE, CURRENT})
-    if not groups or not (lacks_torque or POSITION not in named):
+    counted = all(map(_COUNTED.fullmatch, table.columns))
+    time = (_counted_time(table) if counted else None) or time_columns(table)
+    result = ByNumbers(time, [] if counted else [*families, *_lettered(table, model.n)])
+    whole = [f for f in result.families if len(f.names) == model.n and not f.missing]
+    named = {f.quantity: f for f in reversed(whole)}
+    has_torque = not named.keys().isdisjoint({TORQUE, CURRENT})
+    if POSITION in named and has_torque:
         return result
-    numbers = _Numbers(table, result.time, model)
-    left = list(groups[:_MOST])
-    if POSITION not in named:
-        others = [f for f in families if f.quantity in {TORQUE, VELOCITY}]
-        position = numbers.position(left, others)
-        if position is None and blocks is None:
-            return result
-        position = position or left[0]
-        left.remove(position)
-        position = result.take(POSITION, position)
-    else:
-        position = next(f for f in families if f.quantity == POSITION and _is_whole(f, model.n))
+    loose = _loose(table, time)
+    series = [f for f in whole if f.quantity == NOTHING]
+    layouts = [series] if series else _layouts(loose, model.n)
+    is_filled = counted and bool(layouts) and len(loose) % model.n == 0
+    numbers = _Numbers(table, time, model)
+    others = [f for f in whole if f.quantity in {TORQUE, VELOCITY}]
+    position = named.get(POSITION) or numbers.position(layouts, others, sure=bool(series))
+    if position is None and not is_filled:
+        return result
+    position = position or layouts[0][0]
+    left = [f for groups in layouts for f in groups if _are_apart(f, position)]
     goals = next((f for f in left if numbers.is_followed(f, position)), None)
+    if goals is not None and POSITION not in named and numbers.ahead(goals, position) < 0:
+        position, goals = goals, position
+    rate = numbers.velocity(left, position)
+    known = [f for f in (position, goals, rate) if f is not None]
+    left = [f for f in left if all(_are_apart(f, other) for other in known)]
+    both = POSITION not in named
+    left = [f for f in left if not numbers.is_scaled(f, position)]
+    torque = None
+    if not has_torque:
+        torque = numbers.torque(left, position, sure=bool(series), both=both)
+    why, order = "the described arm has such torques in these positions", tuple(range(model.n))
+    if torque is not None:
+        order = numbers.order(torque, position, both=both)
+        why += "" if [*order] == sorted(order) else ", of which the numbers are not in their order"
+    elif is_filled and not has_torque and len(loose) == 2 * model.n and left:
+        torque, why = left[0], ""
+    own = order if both else tuple(range(model.n))
+    if both:
+        result.take(POSITION, _ordered(position, own))
     if goals is not None:
-        left.remove(goals)
-        result.take(POSITION, goals, "the positions follow them", called=COMMAND)
-    rate = next((f for f in left if numbers.is_rate(f, position)), None)
+        result.take(POSITION, _ordered(goals, own), "the positions follow them", called=COMMAND)
     if rate is not None and VELOCITY not in named:
-        left.remove(rate)
-        result.take(VELOCITY, rate, "the one is the rate of change of the other")
-    if lacks_torque and left:
-        torque = min(left, key=lambda family: numbers.gravity(family, position))
-        if numbers.gravity(torque, position) < -DECISIVE:
-            result.take(TORQUE, torque, "gravity makes such torques in these positions")
-        elif blocks is not None and len(left) == 1:
-            result.take(TORQUE, torque)
+        said = "the one is the rate of change of the other"
+        result.take(VELOCITY, _ordered(rate, own), said)
+    if torque is not None:
+        result.take(TORQUE, _ordered(torque, order), why)
     return result
-
-
-def _is_whole(family: ColumnFamily, joints: int) -> bool:
-    return len(family.names) == joints and not family.missing
 
 
 def _family(columns: Sequence[str]) -> ColumnFamily:
@@ -147,20 +172,21 @@ def _family(columns: Sequence[str]) -> ColumnFamily:
     return ColumnFamily(NOTHING, PLAIN, tuple(names))
 
 
-def _blocks(table: LogTable, joints: int) -> tuple[TimeFound, list[ColumnFamily]] | None:
-    """Return the time and the blocks of columns without names; None if they have any."""
-    names = list(table.columns)
-    if len(names) < 2 or not all(map(_COUNTED.fullmatch, names)):  # noqa: PLR2004
+def _ordered(family: ColumnFamily, order: Sequence[int]) -> ColumnFamily:
+    return replace(family, names=tuple(family.names[j] for j in order))
+
+
+def _are_apart(one: ColumnFamily, other: ColumnFamily) -> bool:
+    return {*one.columns}.isdisjoint(other.columns)
+
+
+def _counted_time(table: LogTable) -> TimeFound | None:
+    """Return the time among columns without names: one that runs evenly, and counts no rows."""
+    even = [name for name, values in table.columns.items() if _runs_evenly(values)]
+    if not even:
         return None
-    first, *others = names
-    if len(others) % joints or not _runs_evenly(table.columns[first]):
-        return None
-    found = time_in(table, first)
-    cuts = pairwise(range(0, len(others) + 1, joints))
-    return (
-        replace(found, why=f"it runs evenly; {found.why}"),
-        [_family(others[a:b]) for a, b in cuts],
-    )
+    found = time_in(table, next((x for x in even if not _counts(table.columns[x])), even[0]))
+    return replace(found, why=f"it runs evenly; {found.why}")
 
 
 def _runs_evenly(values: NDArray[np.generic]) -> bool:
@@ -169,6 +195,10 @@ def _runs_evenly(values: NDArray[np.generic]) -> bool:
     steps = np.diff(values.astype(np.float64))
     usual = float(np.median(steps)) if steps.size else 0.0
     return usual > 0 and bool((np.abs(steps - usual) < _EVEN * usual).mean() > _NEARLY_ALL)
+
+
+def _counts(values: NDArray[np.generic]) -> bool:
+    return float(np.median(np.diff(values.astype(np.float64)))) == 1.0
 
 
 def _lettered(table: LogTable, joints: int) -> list[ColumnFamily]:
@@ -181,79 +211,287 @@ def _lettered(table: LogTable, joints: int) -> list[ColumnFamily]:
     return [_family([own[x] for x in wanted]) for own in series.values() if [*own] == wanted]
 
 
+def _loose(table: LogTable, time: TimeFound) -> list[str]:
+    """Return columns of numbers that change, of which no name says what they are."""
+    return [
+        name
+        for name, values in table.columns.items()
+        if values.dtype.kind in "fiu"
+        and name not in time.columns.columns
+        and read_name(name).quantity == NOTHING
+        and not _runs_evenly(values)
+        and np.ptp(values[np.isfinite(values)]) > 0
+    ]
+
+
+def _layouts(columns: Sequence[str], joints: int) -> list[list[ColumnFamily]]:
+    """Return by their distance what may be columns of one quantity: side by side, every third."""
+    if len(columns) > _MOST:
+        return []
+    strides = range(1, (len(columns) // joints if joints > 1 else 1) + 1)
+    return [
+        [
+            _family(columns[a : a + stride * joints : stride])
+            for a in range(len(columns) - stride * (joints - 1))
+        ]
+        for stride in strides
+    ]
+
+
 class _Numbers:
     """What the values of columns say of each other."""
 
     def __init__(self, table: LogTable, time: TimeFound, model: RobotModel) -> None:
         self._table, self._model = table, model
-        self._time = None if time.questions else time.columns.read(table)[0]
+        known = {
+            name: values.astype(np.float64)
+            for name, values in table.columns.items()
+            if values.dtype.kind in "fiu" and np.isfinite(values).mean() > _NEARLY_ALL
+        }
+        self._place = {name: k for k, name in enumerate(known)}
+        values = np.stack([*known.values()], axis=1)
+        clock = _PERIOD * np.arange(table.rows)
+        if not time.questions and time.columns.columns:
+            clock = time.columns.read(table)[0]
+        rows = np.flatnonzero(np.isfinite(clock) & np.isfinite(values).all(axis=1))
+        run = max(even_runs(clock[rows]), key=lambda run: run.stop - run.start)
+        rows = rows[run][:_RUN]
+        self._values, self._time = values[rows], clock[rows]
+        self._is_rate = self._rates()
+        every = slice(None, None, max(1, rows.size // _ROWS))
+        motion = self._motion()
+        self._value, self._first, self._second = (
+            x[every] for x in (motion.value, motion.first, motion.second)
+        )
 
-    def _values(self, family: ColumnFamily) -> FloatArray:
-        own = [self._table.columns[name] for name in family.columns]
-        return np.stack(own, axis=1).astype(np.float64)
+    def _motion(self) -> Derivatives:
+        values, still = self._values, np.zeros_like(self._values)
+        try:
+            bandwidth = bandwidth_at((len(values) - 1) / float(np.ptp(self._time)), _BANDWIDTH)
+            return differentiate(self._time, values, bandwidth, [slice(0, len(values))])
+        except (RecordingError, ZeroDivisionError):  # too short, or too slow
+            return Derivatives(values, still, still)
+
+    def _rates(self) -> FloatArray:
+        """Return the log of what columns leave of the changes of others, (changes, says)."""
+        values, step = self._values, np.diff(self._time)
+        every = max(1, round(_SWEEP / float(np.median(step)))) if step.size else 1
+        swept = np.cumsum((values[1:] + values[:-1]) / 2 * step[:, None], axis=0)
+        path = np.vstack([np.zeros_like(values[:1]), swept])
+        says, does = (np.diff(x[::every], axis=0) for x in (path, values))
+        size = np.sqrt(np.outer((does**2).sum(axis=0), (says**2).sum(axis=0)))
+        same = np.maximum(does.T @ says / np.maximum(size, 1e-300), 0.0)
+        return 0.5 * np.log(np.maximum(1 - same**2, _ROUNDING))
+
+    def _columns(self, family: ColumnFamily) -> list[int]:
+        return [self._place[name] for name in family.columns]
+
+    def _has(self, family: ColumnFamily) -> bool:
+        return self._place.keys() >= {*family.columns} and len(self._values) > self._model.n
 
     def position(
-        self, groups: Sequence[ColumnFamily], others: Sequence[ColumnFamily]
+        self,
+        layouts: Sequence[Sequence[ColumnFamily]],
+        others: Sequence[ColumnFamily],
+        *,
+        sure: bool,
     ) -> ColumnFamily | None:
-        """Return the group that is most likely the positions; None if no number says so."""
-        scores = dict[int, float]()
-        for k, group in enumerate(groups):
-            if not self._units(group):
-                continue
-            rest = [other for other in (*groups, *others) if other is not group]
-            has_rate = any(self.is_rate(other, group) for other in rest)
-            least = min((self.gravity(other, group) for other in rest), default=0.0)
-            scores[k] = least - 10 * DECISIVE * has_rate
-        best = min(scores, key=lambda k: scores[k], default=None)
-        return groups[best] if best is not None and scores[best] < -DECISIVE else None
+        """Return the columns that are most likely the positions; None if no number says so.
 
-    def _units(self, group: ColumnFamily) -> list[str]:
-        """Return the units in which a group may be positions."""
-        values = self._values(group)
-        known = values[np.isfinite(values).all(axis=1)]
-        return [unit for unit in ("rad", "deg") if within_limits(known, unit, self._model)]
+        Args:
+            layouts: Columns that may be one quantity.
+            others: That names say to be torques or velocities.
+            sure: Whether names show which columns belong together.
+        """
+        for model in mountings(self._model):
+            scores = list[tuple[float, ColumnFamily]]()
+            for group, around in ((f, [*groups, *others]) for groups in layouts for f in groups):
+                if not self._has(group):
+                    continue
+                rest = [f for f in around if _are_apart(f, group) and self._has(f)]
+                gains = self._gains(rest, group, model)
+                own = min((*gains, *(self.rate(f, group) for f in rest)), default=0.0)
+                is_rate = min((self.rate(group, f) for f in rest), default=0.0)
+                scores.append((own - is_rate, group))
+            least, best = min(scores, key=lambda pair: pair[0], default=(0.0, None))
+            if least < -DECISIVE * (1 if sure else 2):
+                return best
+        groups = layouts[0] if sure else ()
+        pairs = [(torque, own) for own in groups for torque in groups if torque is not own]
+        found = ((self._in_other_order([torque], own, both=True), own) for torque, own in pairs)
+        return next((own for torque, own in found if torque is not None), None)
+
+    def _in_other_order(
+        self, groups: Sequence[ColumnFamily], position: ColumnFamily, *, both: bool
+    ) -> ColumnFamily | None:
+        """Return the columns that are torques if those of another joint stand at each number."""
+        if self._model.n > _ORDERED or not self._has(position):
+            return None
+        found = [self._best_order(f, position, both=both)[1] for f in groups]
+        least = -DECISIVE - math.lgamma(self._model.n + 1)  # so many orders would do, too
+        return groups[int(np.argmin(found))] if min(found, default=0.0) < least else None
+
+    def torque(
+        self, groups: Sequence[ColumnFamily], position: ColumnFamily, *, sure: bool, both: bool
+    ) -> ColumnFamily | None:
+        """Return the columns that are most likely torques or currents; None if none are.
+
+        Args:
+            groups: Columns that may be.
+            position: The positions.
+            sure: Whether names show which columns belong together.
+            both: Whether no name says which column of positions is which joint's.
+        """
+        groups = [f for f in groups if self._has(f)]
+        for model in mountings(self._model):
+            gains = self._gains(groups, position, model) if self._has(position) else []
+            if min(gains, default=0.0) < -DECISIVE * (1 if sure else 2):
+                self._model = model
+                return groups[int(np.argmin(gains))]
+        return self._in_other_order(groups, position, both=both) if sure else None
+
+    def order(self, torque: ColumnFamily, position: ColumnFamily, *, both: bool) -> tuple[int, ...]:
+        """Return which column is which joint's: as they stand, unless another order is far better.
+
+        Args:
+            torque: The torques.
+            position: The positions.
+            both: Whether no name says that of the positions, either.
+        """
+        best, least, as_is = self._best_order(torque, position, both=both)
+        return best if least < as_is - 2 * DECISIVE else tuple(range(self._model.n))
+
+    def _best_order(
+        self, torque: ColumnFamily, position: ColumnFamily, *, both: bool
+    ) -> tuple[tuple[int, ...], float, float]:
+        """Return the likeliest order, what it gains, and what the given one does."""
+        n, known = self._model.n, dict[tuple[int, ...], float]()
+
+        def gain(order: tuple[int, ...]) -> float:
+            if order not in known:
+                own = _ordered(position, order) if both else position
+                (known[order],) = self._gains([_ordered(torque, order)], own, self._model)
+            return known[order]
+
+        best = tuple(range(n))
+        as_is = gain(best)
+        while n <= _ORDERED:
+            near = [
+                tuple({i: best[j], j: best[i]}.get(k, best[k]) for k in range(n))
+                for i, j in combinations(range(n), 2)
+            ]
+            other = min(near, key=gain, default=best)
+            if gain(other) >= gain(best):
+                break
+            best = other
+        return best, gain(best), as_is
 
     def is_followed(self, goals: ColumnFamily, position: ColumnFamily) -> bool:
-        """Say whether a group that its names call commanded has set-points of positions."""
-        if goals.rank != COMMANDED:
+        """Say whether columns are set-points of positions, or these are theirs.
+
+        Those that no name calls commanded have to be the same, but for a delay.
+        """
+        if not (self._has(goals) and self._has(position)):
             return False
-        both = np.stack([self._values(goals).T, self._values(position).T], axis=1)  # (n, 2, T)
-        both = both[..., np.isfinite(both).all(axis=(0, 1))]
-        both = both[(np.ptp(both, axis=2) > 0).all(axis=1)] if both.size else both
+        both = np.stack([self._value[:, self._columns(f)].T for f in (goals, position)], axis=1)
+        both = both[(np.ptp(both, axis=2) > 0).all(axis=1)]
         if not both.size:
             return False
         wider = float(np.median(np.diff(np.log(np.ptp(both, axis=2)))))
-        units = (0.0, math.log(math.degrees(1.0)), -math.log(math.degrees(1.0)))
         alike = np.median([np.corrcoef(joint)[0, 1] for joint in both])
+        if goals.rank != COMMANDED:
+            is_same = alike > _TWIN[0] and abs(wider) < math.log(_TWIN[1])
+            return bool(is_same and abs(self.ahead(goals, position)) > _LEADS)
+        units = (0.0, math.log(math.degrees(1.0)), -math.log(math.degrees(1.0)))
         return min(abs(wider - unit) for unit in units) < math.log(_RANGES) and alike > _SAME
 
-    def is_rate(self, rate: ColumnFamily, position: ColumnFamily) -> bool:
-        """Say whether one group is the rate of change of another."""
-        if self._time is None or len(rate.names) != len(position.names):
+    def is_scaled(self, group: ColumnFamily, position: ColumnFamily) -> bool:
+        """Say whether columns are positions in another unit, or before a gear."""
+        if not (self._has(group) and self._has(position)):
             return False
-        rows = np.append(True, np.diff(self._time) > 0) & np.isfinite(self._time)
-        time, rates, places = (
-            self._time[rows],
-            self._values(rate)[rows],
-            self._values(position)[rows],
-        )
-        step = np.diff(time)
-        every = max(1, round(_SWEEP / float(np.median(step))))
-        path = np.vstack(
-            [0 * rates[:1], np.cumsum((rates[1:] + rates[:-1]) / 2 * step[:, None], 0)]
-        )
-        says, does = (np.diff(x[::every], axis=0) for x in (path, places))
-        together = (says * does).sum(axis=0)
-        size = np.sqrt((says**2).sum(axis=0) * (does**2).sum(axis=0))
-        moving = size > 0
-        return bool(moving.any() and np.median(together[moving] / size[moving]) > _SAME)
+        every = zip(self._columns(group), self._columns(position), strict=True)
+        return min(abs(np.corrcoef(self._value[:, pair].T)[0, 1]) for pair in every) > _TWIN[0]
 
-    def gravity(self, torque: ColumnFamily, position: ColumnFamily) -> float:
-        """Return what gravity leaves of one group in the positions of another; less is better."""
-        if len(torque.names) != self._model.n:
+    def ahead(self, goals: ColumnFamily, position: ColumnFamily) -> float:
+        """Return the correlation with their speed, of how far goals are beyond positions."""
+        own, other = self._columns(position), self._columns(goals)
+        beyond, speed = self._value[:, other] - self._value[:, own], self._first[:, own]
+        size = np.sqrt((beyond**2).sum(axis=0) * (speed**2).sum(axis=0))
+        return float(np.median((beyond * speed).sum(axis=0) / np.maximum(size, 1e-300)))
+
+    def rate(self, rate: ColumnFamily, position: ColumnFamily) -> float:
+        """Return the sum of logs of what columns leave of changes; 0 of what are no rates."""
+        if not (self._has(rate) and self._has(position)):
             return 0.0
-        places, torques = self._values(position), self._values(torque)
-        rows = some_rows(places, torques)
-        cost = Gravity(self._model, torques[rows])
-        every = (cost.of(places[rows], (unit,) * self._model.n) for unit in self._units(position))
-        return min(every, default=0.0)
+        left = self._is_rate[self._columns(position), self._columns(rate)]
+        left = left[np.ptp(self._values[:, self._columns(position)], axis=0) > 0]
+        is_rate = left.size and left.mean() < 0.5 * math.log(1 - _SAME**2)
+        return float(left.sum()) if is_rate else 0.0
+
+    def velocity(
+        self, groups: Sequence[ColumnFamily], position: ColumnFamily
+    ) -> ColumnFamily | None:
+        """Return the columns that are the rates of change of positions; None if none are."""
+        best = min(groups, key=lambda f: self.rate(f, position), default=None)
+        if best is None or not self._has(best):
+            return None
+        (torque,) = self._gains([best], position, self._model)
+        return best if self.rate(best, position) < min(-DECISIVE, torque) else None
+
+    def _gains(
+        self, torques: Sequence[ColumnFamily], position: ColumnFamily, model: RobotModel
+    ) -> list[float]:
+        """Return what each of some columns has left of it if they are torques at positions.
+
+        That is the sum over joints of log(what the described arm leaves of a torque / what it
+        leaves of it without weight and inertia), each of rows that are predicted from others.
+        """
+        if model.massless or not torques:
+            return [0.0] * len(torques)
+        every = [
+            self._gains_in(unit, torques, position, model)
+            for unit in ("rad", "deg")
+            if self._is_within(self._columns(position), unit)
+        ]
+        return np.min(every, axis=0).tolist() if every else [0.0] * len(torques)
+
+    def _is_within(self, columns: Sequence[int], unit: str) -> bool:
+        """Say whether columns are within the limits of some joint each, whichever it is."""
+        turns = ~np.array(self._model.sliding)
+        if not turns.any():
+            return True
+        low, high = np.nanquantile(self._values[:, columns][:, turns], (0.002, 0.998))
+        scale, limits = UNITS[POSITION][unit], self._model.limits
+        most = limits.position_max[turns].max(), -limits.position_min[turns].min()
+        return bool(high * scale < most[0] + MARGIN and -low * scale < most[1] + MARGIN)
+
+    def _gains_in(
+        self, unit: str, torques: Sequence[ColumnFamily], position: ColumnFamily, model: RobotModel
+    ) -> list[float]:
+        own = self._columns(position)
+        scale = np.where(model.sliding, 1.0, UNITS[POSITION][unit])
+        q, v, a = (x[:, own] * scale for x in (self._value, self._first, self._second))
+        rows = usual(np.hstack([v, a]))
+        q, v, a = q[rows], v[rows], a[rows]
+        load = model.gravity_torque(q)
+        inertia = model.inverse_dynamics(q, v, a) - load
+        side = np.tanh(v / (_SLOW * np.maximum(v.std(axis=0), 1e-12)))
+        gains = np.zeros(len(torques))
+        for j in range(model.n):
+            b = self._value[rows][:, [self._columns(f)[j] for f in torques]]
+            without = np.stack([np.ones(len(q)), side[:, j], v[:, j], a[:, j]], axis=1)
+            arm = np.column_stack([without, load[:, j], inertia[:, j]])
+            least = _ROUNDING * b.var(axis=0) + 1e-300
+            gains += 0.5 * np.log((_left(arm, b) + least) / (_left(without, b) + least))
+        return gains.tolist()
+
+
+def _left(A: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the mean square that a fit leaves of columns b (T, k) in rows that it has not seen."""
+    A = A / np.maximum(np.abs(A).max(axis=0), 1e-12)
+    part = np.arange(len(A)) * _FOLDS // len(A) % 2
+    left = np.zeros(b.shape[1])
+    for seen in (part == 0, part == 1):
+        x = np.linalg.lstsq(A[seen], b[seen], rcond=1e-9)[0]
+        left += ((b[~seen] - A[~seen] @ x) ** 2).sum(axis=0)
+    return left / len(A)
