@@ -126,7 +126,8 @@ def families_by_numbers(
     has_torque = not named.keys().isdisjoint({TORQUE, CURRENT})
     if POSITION in named and has_torque:
         return result
-    loose = _loose(table, time)
+    known = {*time.columns.columns, *(c for f in whole if f.quantity for c in f.columns)}
+    loose = _loose(table, known, model.joint_names)
     series = [f for f in whole if f.quantity == NOTHING]
     layouts = [series] if series else _layouts(loose, model.n)
     is_filled = counted and bool(layouts) and len(loose) % model.n == 0
@@ -141,8 +142,8 @@ def families_by_numbers(
     if goals is not None and POSITION not in named and numbers.ahead(goals, position) < 0:
         position, goals = goals, position
     rate = numbers.velocity(left, position)
-    known = [f for f in (position, goals, rate) if f is not None]
-    left = [f for f in left if all(_are_apart(f, other) for other in known)]
+    taken = [f for f in (position, goals, rate) if f is not None]
+    left = [f for f in left if all(_are_apart(f, other) for other in taken)]
     both = POSITION not in named
     left = [f for f in left if not numbers.is_scaled(f, position)]
     torque = None
@@ -211,14 +212,14 @@ def _lettered(table: LogTable, joints: int) -> list[ColumnFamily]:
     return [_family([own[x] for x in wanted]) for own in series.values() if [*own] == wanted]
 
 
-def _loose(table: LogTable, time: TimeFound) -> list[str]:
+def _loose(table: LogTable, known: set[str], joints: Sequence[str]) -> list[str]:
     """Return columns of numbers that change, of which no name says what they are."""
     return [
         name
         for name, values in table.columns.items()
         if values.dtype.kind in "fiu"
-        and name not in time.columns.columns
-        and read_name(name).quantity == NOTHING
+        and name not in known
+        and read_name(name, joints).quantity == NOTHING
         and not _runs_evenly(values)
         and np.ptp(values[np.isfinite(values)]) > 0
     ]

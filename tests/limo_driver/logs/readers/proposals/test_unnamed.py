@@ -197,3 +197,15 @@ def test_temperatures_are_no_torques(model):
     assert found.mapping.undecided
     (why,) = (item.why for item in found.taken if item.quantity == "torque")
     assert "no name says what" in why
+
+
+@pytest.mark.parametrize("names", ["observation.state.{}", "joint_position_{}"])
+def test_what_names_say_is_never_taken_for_what_they_do_not(tmp_path, names):
+    model = pendulums(tmp_path)
+    run = Moved(model, seed=80)
+    every = {"action.{}": run.q, names: run.q - 0.05 * run.v, "temperature_{}": run.warm}
+    log = {k.format(j): x[:, i] for k, x in every.items() for i, j in enumerate(model.joint_names)}
+    mapping = propose(table_of({"timestamp": run.time, **log}), model).mapping
+    assert mapping.position.columns[0] == names.format("hip")
+    assert mapping.torque is None
+    assert not any("no name says" in question for question in mapping.undecided)
