@@ -194,9 +194,9 @@ def test_logs_that_would_take_minutes_or_all_memory_are_refused(tmp_path, name, 
     ("inside", "said"),
     [
         pytest.param(
-            '<worldbody><replicate count="9999"><replicate count="9999"><geom size="1"/>'
+            '<worldbody><replicate count="9999"><replicate count="50"><geom size="1"/>'
             "</replicate></replicate></worldbody>",
-            "of (CPU time|memory) to read",
+            "s of CPU time to read",
             marks=pytest.mark.slow("takes all of its budget"),
         ),
         (
