@@ -65,6 +65,7 @@ _NEARLY_ALL: Final = 0.9
 _PERIOD: Final = 0.01  # [s], for rows of which no column says the time
 _BANDWIDTH: Final = 5.0  # [Hz], within which arms move
 _RUN: Final = 50_000  # rows without a gap that are differentiated
+_FEWEST: Final = 50  # rows that say anything
 _ROWS: Final = 400  # of them that are compared
 _FOLDS: Final = 6  # parts of these rows, of which every other is predicted by the others
 _SLOW: Final = 0.02  # of a usual speed, over which dry friction changes its sign
@@ -131,27 +132,25 @@ def families_by_numbers(
     series = [f for f in whole if f.quantity == NOTHING]
     layouts = [series] if series else _layouts(loose, model.n)
     is_filled = counted and bool(layouts) and len(loose) % model.n == 0
-    numbers = _Numbers(table, time, model)
+    both = POSITION not in named
+    numbers = _Numbers(table, time, model, sure=bool(series), both=both)
     others = [f for f in whole if f.quantity in {TORQUE, VELOCITY}]
-    position = named.get(POSITION) or numbers.position(layouts, others, sure=bool(series))
+    position = named.get(POSITION) or numbers.position(layouts, others)
     if position is None and not is_filled:
         return result
     position = position or layouts[0][0]
     left = [f for groups in layouts for f in groups if _are_apart(f, position)]
     goals = next((f for f in left if numbers.is_followed(f, position)), None)
-    if goals is not None and POSITION not in named and numbers.ahead(goals, position) < 0:
+    if goals is not None and both and numbers.ahead(goals, position) < 0:
         position, goals = goals, position
     rate = numbers.velocity(left, position)
     taken = [f for f in (position, goals, rate) if f is not None]
     left = [f for f in left if all(_are_apart(f, other) for other in taken)]
-    both = POSITION not in named
     left = [f for f in left if not numbers.is_scaled(f, position)]
-    torque = None
-    if not has_torque:
-        torque = numbers.torque(left, position, sure=bool(series), both=both)
+    torque = None if has_torque else numbers.torque(left, position)
     why, order = "the described arm has such torques in these positions", tuple(range(model.n))
     if torque is not None:
-        order = numbers.order(torque, position, both=both)
+        order = numbers.order(torque, position)
         why += "" if [*order] == sorted(order) else ", of which the numbers are not in their order"
     elif is_filled and not has_torque and len(loose) == 2 * model.n and left:
         torque, why = left[0], ""
@@ -221,7 +220,7 @@ def _loose(table: LogTable, known: set[str], joints: Sequence[str]) -> list[str]
         and name not in known
         and read_name(name, joints).quantity == NOTHING
         and not _runs_evenly(values)
-        and np.ptp(values[np.isfinite(values)]) > 0
+        and np.unique(values[np.isfinite(values)][:_RUN]).size > 1
     ]
 
 
@@ -242,15 +241,20 @@ def _layouts(columns: Sequence[str], joints: int) -> list[list[ColumnFamily]]:
 class _Numbers:
     """What the values of columns say of each other."""
 
-    def __init__(self, table: LogTable, time: TimeFound, model: RobotModel) -> None:
-        self._table, self._model = table, model
+    # `sure` is whether names show which columns belong together, `both` whether none says which
+    # column of positions is which joint's
+    def __init__(
+        self, table: LogTable, time: TimeFound, model: RobotModel, *, sure: bool, both: bool
+    ) -> None:
+        self._model, self._both, self._sure = model, both, sure
+        self._most = -DECISIVE * (1 if sure else 2)  # that is left of what is believed
         known = {
             name: values.astype(np.float64)
             for name, values in table.columns.items()
             if values.dtype.kind in "fiu" and np.isfinite(values).mean() > _NEARLY_ALL
         }
         self._place = {name: k for k, name in enumerate(known)}
-        values = np.stack([*known.values()], axis=1)
+        values = np.stack([*known.values()], axis=1) if known else np.zeros((table.rows, 0))
         clock = _PERIOD * np.arange(table.rows)
         if not time.questions and time.columns.columns:
             clock = time.columns.read(table)[0]
@@ -288,21 +292,16 @@ class _Numbers:
         return [self._place[name] for name in family.columns]
 
     def _has(self, family: ColumnFamily) -> bool:
-        return self._place.keys() >= {*family.columns} and len(self._values) > self._model.n
+        return self._place.keys() >= {*family.columns} and len(self._value) >= _FEWEST
 
     def position(
-        self,
-        layouts: Sequence[Sequence[ColumnFamily]],
-        others: Sequence[ColumnFamily],
-        *,
-        sure: bool,
+        self, layouts: Sequence[Sequence[ColumnFamily]], others: Sequence[ColumnFamily]
     ) -> ColumnFamily | None:
         """Return the columns that are most likely the positions; None if no number says so.
 
         Args:
             layouts: Columns that may be one quantity.
             others: That names say to be torques or velocities.
-            sure: Whether names show which columns belong together.
         """
         for model in mountings(self._model):
             scores = list[tuple[float, ColumnFamily]]()
@@ -315,62 +314,49 @@ class _Numbers:
                 is_rate = min((self.rate(group, f) for f in rest), default=0.0)
                 scores.append((own - is_rate, group))
             least, best = min(scores, key=lambda pair: pair[0], default=(0.0, None))
-            if least < -DECISIVE * (1 if sure else 2):
+            if least < self._most:
                 return best
-        groups = layouts[0] if sure else ()
-        pairs = [(torque, own) for own in groups for torque in groups if torque is not own]
-        found = ((self._in_other_order([torque], own, both=True), own) for torque, own in pairs)
-        return next((own for torque, own in found if torque is not None), None)
+        groups = [f for group in layouts for f in group if self._sure and self._has(f)]
+        around = ((f, [other for other in groups if other is not f]) for f in groups)
+        return next((f for f, rest in around if self._in_other_order(rest, f)), None)
 
     def _in_other_order(
-        self, groups: Sequence[ColumnFamily], position: ColumnFamily, *, both: bool
+        self, groups: Sequence[ColumnFamily], position: ColumnFamily
     ) -> ColumnFamily | None:
         """Return the columns that are torques if those of another joint stand at each number."""
-        if self._model.n > _ORDERED or not self._has(position):
+        if self._model.n > _ORDERED or not (self._sure and self._has(position)):
             return None
-        found = [self._best_order(f, position, both=both)[1] for f in groups]
+        found = [self._best_order(f, position)[1] for f in groups]
         least = -DECISIVE - math.lgamma(self._model.n + 1)  # so many orders would do, too
         return groups[int(np.argmin(found))] if min(found, default=0.0) < least else None
 
-    def torque(
-        self, groups: Sequence[ColumnFamily], position: ColumnFamily, *, sure: bool, both: bool
-    ) -> ColumnFamily | None:
-        """Return the columns that are most likely torques or currents; None if none are.
-
-        Args:
-            groups: Columns that may be.
-            position: The positions.
-            sure: Whether names show which columns belong together.
-            both: Whether no name says which column of positions is which joint's.
-        """
+    def torque(self, groups: Sequence[ColumnFamily], position: ColumnFamily) -> ColumnFamily | None:
+        """Return the columns that are most likely torques or currents; None if none are."""
         groups = [f for f in groups if self._has(f)]
         for model in mountings(self._model):
             gains = self._gains(groups, position, model) if self._has(position) else []
-            if min(gains, default=0.0) < -DECISIVE * (1 if sure else 2):
+            if min(gains, default=0.0) < self._most:
                 self._model = model
                 return groups[int(np.argmin(gains))]
-        return self._in_other_order(groups, position, both=both) if sure else None
+        return self._in_other_order(groups, position)
 
-    def order(self, torque: ColumnFamily, position: ColumnFamily, *, both: bool) -> tuple[int, ...]:
+    def order(self, torque: ColumnFamily, position: ColumnFamily) -> tuple[int, ...]:
         """Return which column is which joint's: as they stand, unless another order is far better.
 
-        Args:
-            torque: The torques.
-            position: The positions.
-            both: Whether no name says that of the positions, either.
+        That of positions changes with that of torques, unless names say it.
         """
-        best, least, as_is = self._best_order(torque, position, both=both)
+        best, least, as_is = self._best_order(torque, position)
         return best if least < as_is - 2 * DECISIVE else tuple(range(self._model.n))
 
     def _best_order(
-        self, torque: ColumnFamily, position: ColumnFamily, *, both: bool
+        self, torque: ColumnFamily, position: ColumnFamily
     ) -> tuple[tuple[int, ...], float, float]:
         """Return the likeliest order, what it gains, and what the given one does."""
         n, known = self._model.n, dict[tuple[int, ...], float]()
 
         def gain(order: tuple[int, ...]) -> float:
             if order not in known:
-                own = _ordered(position, order) if both else position
+                own = _ordered(position, order) if self._both else position
                 (known[order],) = self._gains([_ordered(torque, order)], own, self._model)
             return known[order]
 
@@ -487,9 +473,9 @@ class _Numbers:
         return gains.tolist()
 
 
-def _left(A: FloatArray, b: FloatArray) -> FloatArray:
+def _left(known: FloatArray, b: FloatArray) -> FloatArray:
     """Return the mean square that a fit leaves of columns b (T, k) in rows that it has not seen."""
-    A = A / np.maximum(np.abs(A).max(axis=0), 1e-12)
+    A = known / np.maximum(np.abs(known).max(axis=0), 1e-12)
     part = np.arange(len(A)) * _FOLDS // len(A) % 2
     left = np.zeros(b.shape[1])
     for seen in (part == 0, part == 1):
