@@ -171,8 +171,8 @@ static double loose(double *memory, double q, double v, double flank)
     memory[0] = fmin(fmax(x, -flank), flank);
     memory[2] = q;
     if (step != 0.0) {
-        const double to = v != 0.0 ? v : step;
-        return fmin(fmax(0.5 + (flank - copysign(1.0, to) * x) / fabs(step), 0.0), 1.0);
+        const double to = copysign(1.0, v != 0.0 ? v : step);
+        return fmin(fmax(0.5 + (flank - to * x) / fabs(step), 0.0), 1.0);
     }
     return fabs(x) < flank ? 1.0 : 0.0;
 }

@@ -191,17 +191,17 @@ def told_progress(
 
 @contextmanager
 def _lines(console: Console) -> Generator[Callable[[str], None]]:
-    """Yield what is told how far work is; it prints that now and then where no bar is drawn."""
-    told, begun, is_over = "", monotonic(), Event()
+    """Yield what takes how far work is, and prints that now and then where no bar is drawn."""
+    last, begun, is_over = "", monotonic(), Event()
 
     def line(text: str) -> None:
-        nonlocal told
-        told = text
+        nonlocal last
+        last = text
 
     def watch() -> None:
         while not is_over.wait(QUIET):
-            if told:
-                console.print(f"after {monotonic() - begun:.0f} s, {told}")
+            if last:
+                console.print(f"after {monotonic() - begun:.0f} s, {last}")
 
     watcher = Thread(target=watch, daemon=True)
     if not console.is_terminal:

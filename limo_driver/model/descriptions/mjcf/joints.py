@@ -120,13 +120,12 @@ _WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
 _ALIKE: Final = 1e-9  # of axes and their places [m]
 _FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 _ASSETS: Final = ("mesh", "texture", "hfield", "skin")
-_MOST_VALUES: Final = ReadingBudget.memory // 4  # of one asset, bytes of each
-_MOST_COPIES: Final = 10_000  # of bodies, which MuJoCo makes in a second
 _SIZED: Final = {
-    "hfield": (("nrow", "ncol"), _MOST_VALUES, "values"),
-    "texture": (("width", "height"), _MOST_VALUES, "values"),
-    "replicate": (("count",), _MOST_COPIES, "copies"),
+    "hfield": ("nrow", "ncol"),
+    "texture": ("width", "height"),
+    "replicate": ("count",),
 }
+_MOST_VALUES: Final = ReadingBudget.memory // 4  # of one asset, bytes of each
 _MULTIPLYING: Final = frozenset({"replicate", "composite", "flexcomp", "attach", "model", "plugin"})
 _COUNT: Final = re.compile(r"\+?(?P<number>\d+(\.0*)?([eE]\+?\d+)?)(?P<unit>[KMGTPE]?)")
 _MANY: Final = 10_000.0  # rows, times as many columns, are some hundred MB
@@ -360,17 +359,15 @@ def check_assets(files: Sequence[Path]) -> None:
 
 
 def _check_size(element: ET.Element, path: Path) -> None:
-    keys, most, what = _SIZED.get(element.tag, ((), 0, ""))
-    told = [element.get(key, "") for key in keys]
-    if not told or not all(map(str.isdecimal, told)):
+    stated = [element.get(key, "") for key in _SIZED.get(element.tag, ())]
+    if not stated or not all(map(str.isdecimal, stated)):
         return  # a file has them, or MuJoCo says what is wrong
-    if math.prod(sizes := [float(word) for word in told]) > most:
-        named = " x ".join(f"{size:.15g}" for size in sizes)
-        raise ConfigError(
-            f"its {element.tag} {element.get('name', '')!r} has {named} {what}, "
-            f"expected at most {most}",
-            path=path,
-        )
+    copies = element.tag == "replicate"
+    most, what = (int(_MANY), "copies") if copies else (_MOST_VALUES, "values")
+    if math.prod(sizes := [float(word) for word in stated]) > most:
+        named = f"{element.tag} {element.get('name', '')!r}"
+        size = " x ".join(f"{size:.15g}" for size in sizes)
+        raise ConfigError(f"its {named} has {size} {what}, expected at most {most}", path=path)
 
 
 def is_plain(files: Iterable[Path]) -> bool:
