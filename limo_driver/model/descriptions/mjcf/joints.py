@@ -120,11 +120,7 @@ _WIDEST_PLAY: Final = 0.2  # [rad], as the effect has it
 _ALIKE: Final = 1e-9  # of axes and their places [m]
 _FOLDERS: Final = ("meshdir", "texturedir", "assetdir")
 _ASSETS: Final = ("mesh", "texture", "hfield", "skin")
-_SIZED: Final = {
-    "hfield": ("nrow", "ncol"),
-    "texture": ("width", "height"),
-    "replicate": ("count",),
-}
+_SIZED: Final = {"hfield": ("nrow", "ncol"), "texture": ("width", "height")}
 _MOST_VALUES: Final = ReadingBudget.memory // 4  # of one asset, bytes of each
 _MULTIPLYING: Final = frozenset({"replicate", "composite", "flexcomp", "attach", "model", "plugin"})
 _COUNT: Final = re.compile(r"\+?(?P<number>\d+(\.0*)?([eE]\+?\d+)?)(?P<unit>[KMGTPE]?)")
@@ -359,10 +355,11 @@ def check_assets(files: Sequence[Path]) -> None:
 
 
 def _check_size(element: ET.Element, path: Path) -> None:
-    stated = [element.get(key, "") for key in _SIZED.get(element.tag, ())]
+    copies = element.tag == "replicate"
+    keys = ("count",) if copies else _SIZED.get(element.tag, ())
+    stated = [element.get(key, "") for key in keys]
     if not stated or not all(map(str.isdecimal, stated)):
         return  # a file has them, or MuJoCo says what is wrong
-    copies = element.tag == "replicate"
     most, what = (int(_MANY), "copies") if copies else (_MOST_VALUES, "values")
     if math.prod(sizes := [float(word) for word in stated]) > most:
         named = f"{element.tag} {element.get('name', '')!r}"
