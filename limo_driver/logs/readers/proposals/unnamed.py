@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -65,7 +66,7 @@ class ByNumbers:
         if not self.found:
             return ""
         counted = [f"{TIME}: {x}" for x in self.time.columns.columns if _COUNTED.fullmatch(x)]
-        named = (f"{quantity}: {family}" for quantity, family in self.found.items())
+        named = (f"{quantity}: {_listed(family)}" for quantity, family in self.found.items())
         listed = "; ".join((*counted, *named))
         because = f" ({', '.join(self.why)})" if self.why else ""
         return (
@@ -142,6 +143,13 @@ def families_by_numbers(
     if torque is not None:
         result.take(TORQUE, in_order(torque, order), why)
     return result
+
+
+def _listed(family: ColumnFamily) -> str:
+    """Return the columns of a family, each of them where their numbers do not go on by one."""
+    ends = [int(numbers[-1]) for x in family.columns if (numbers := re.findall(r"\d+", x))]
+    is_row = all(b - a == 1 for a, b in pairwise(ends))
+    return str(family) if is_row else ", ".join(family.columns)
 
 
 def _family(columns: Sequence[str]) -> ColumnFamily:

@@ -131,6 +131,7 @@ def test_numbers_in_another_order_than_the_joints_are_put_in_theirs(model):
     np.testing.assert_allclose(found.position, run.q, atol=1e-9)
     assert mapping.torque.columns == tuple(f"m{k + 1}" for k in np.argsort(order))
     assert "of which the numbers are not in their order" in mapping.undecided[0]
+    assert f"torque: {', '.join(mapping.torque.columns)}" in mapping.undecided[0]
 
 
 def test_torques_alone_in_another_order_are_put_in_that_of_named_positions(model):
