@@ -75,7 +75,7 @@ class ColumnNumbers:
         }
         self._place = {name: k for k, name in enumerate(known)}
         values = np.stack([*known.values()], axis=1) if known else np.zeros((table.rows, 0))
-        clock = _PERIOD * np.arange(table.rows)
+        clock = np.arange(table.rows, dtype=np.float64) * _PERIOD
         if not time.questions and time.columns.columns:
             clock = time.columns.read(table)[0]
         rows = np.flatnonzero(np.isfinite(clock) & np.isfinite(values).all(axis=1))
@@ -216,8 +216,9 @@ class ColumnNumbers:
         """Say whether columns are positions in another unit, or before a gear."""
         if not (self._has(group) and self._has(position)):
             return False
-        every = zip(self._columns(group), self._columns(position), strict=True)
-        return min(abs(np.corrcoef(self._value[:, pair].T)[0, 1]) for pair in every) > _TWIN[0]
+        one, other = (self._value[:, self._columns(f)] for f in (group, position))
+        pairs = (np.corrcoef(*pair) for pair in zip(one.T, other.T, strict=True))
+        return min(abs(float(pair[0, 1])) for pair in pairs) > _TWIN[0]
 
     def ahead(self, goals: ColumnFamily, position: ColumnFamily) -> float:
         """Return the correlation with their speed, of how far goals are beyond positions."""
