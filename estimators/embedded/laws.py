@@ -299,7 +299,7 @@ def _(effect: physics.Backlash) -> LawCode:
             felt = f"wound(m, q[{j}], {number(effect.gap / 2)}, {number(effect.width)})"
             text = f"friction[{j}] += {number(effect.drag)} * {felt} - {dry}"
             return LawCode(text, tuple(effect.initial_state()), "wound")
-        text = f"friction[{j}] -= {dry} * loose(m, q[{j}], {number(effect.gap / 2)})"
+        text = f"friction[{j}] -= {dry} * loose(m, q[{j}], v[{j}], {number(effect.gap / 2)})"
         return LawCode(text, tuple(effect.initial_state()), "loose")
     slowed, flank = number(effect.damping or 0.0), number(effect.gap / 2)
     text = (

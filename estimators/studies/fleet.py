@@ -34,7 +34,7 @@ from estimators.studies.fleet_standing import (
 from limo_driver.runtime.outputs import KeptResults
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Mapping
+    from collections.abc import Container, Mapping, Sequence
 
     from estimators.studies.fleet_row import FleetOutcome, FleetRow
     from estimators.studies.fleet_standing import ArmStanding, FleetDrift, Series, UnitSpread
@@ -204,20 +204,21 @@ class FleetStore:
             return None
 
 
-def key_of(recording: Path, simulation: str) -> str:
+def key_of(files: Sequence[Path], simulation: str) -> str:
     """Return the key of a recording: it changes with its bytes, the simulation and limo's version.
 
     Args:
-        recording: File to read.
+        files: Of the recording, to read.
         simulation: Digest of the simulation and how it is used.
 
     Raises:
-        OSError: It cannot be read.
+        OSError: One cannot be read.
     """
     digest = sha256(simulation.encode())
-    with recording.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
+    for path in files:
+        with path.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
     return digest.hexdigest()[:_SHOWN]
 
 

@@ -163,15 +163,17 @@ static double play(double *memory, double time, double ahead, double slowed, dou
 }
 
 /*: loose */
-/* Return the part of the time around a sample, a step long, in which no flank of a play is met.
+/* Return the part of the time around a sample, a step long, in which no flank of a play is met: a
+ * joint that turned back within the step before is off the flank that it came from.
  * Memory: lead of the link over its drive, unused, last position. */
-static double loose(double *memory, double q, double flank)
+static double loose(double *memory, double q, double v, double flank)
 {
     const double step = isnan(memory[2]) ? 0.0 : q - memory[2], x = memory[0] + step;
     memory[0] = fmin(fmax(x, -flank), flank);
     memory[2] = q;
     if (step != 0.0) {
-        return fmin(fmax(0.5 + (flank - copysign(1.0, step) * x) / fabs(step), 0.0), 1.0);
+        const double to = copysign(1.0, v != 0.0 ? v : step);
+        return fmin(fmax(0.5 + (flank - to * x) / fabs(step), 0.0), 1.0);
     }
     return fabs(x) < flank ? 1.0 : 0.0;
 }

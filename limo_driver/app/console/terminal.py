@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import contextmanager
 from enum import StrEnum
 from functools import cache
+from threading import Event, Thread
 from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -133,13 +134,12 @@ def progress_bar(console: Console) -> Generator[Callable[[str, float], None]]:
     """Yield what is told the stage and the part of the work that is done."""
     from rich.progress import BarColumn, TaskProgressColumn
 
-    line = _lines(console)
-
     def tell(stage: str, part: float) -> None:
         bar.update(task, completed=part, description=stage)
         line(f"{part:.0%}: {stage}")
 
-    with progress(BarColumn(), TaskProgressColumn(), "{task.description}", console=console) as bar:
+    bars = BarColumn(), TaskProgressColumn(), "{task.description}"
+    with progress(*bars, console=console) as bar, _lines(console) as line:
         task = bar.add_task("reading motion", total=1.0)
         yield tell
 
@@ -171,8 +171,8 @@ def told_progress(
     """
     from rich.progress import BarColumn, MofNCompleteColumn
 
-    line = _lines(console)
-    with progress(BarColumn(), MofNCompleteColumn(), "{task.description}", console=console) as bar:
+    bars = BarColumn(), MofNCompleteColumn(), "{task.description}"
+    with progress(*bars, console=console) as bar, _lines(console) as line:
         task = bar.add_task("reading", total=None)
         start, before = monotonic(), 0
 
@@ -189,17 +189,29 @@ def told_progress(
         yield tell
 
 
-def _lines(console: Console) -> Callable[[str], None]:
-    """Return what prints a line now and then where no bar is drawn, as into a file."""
-    printed = monotonic()
+@contextmanager
+def _lines(console: Console) -> Generator[Callable[[str], None]]:
+    """Yield what takes how far work is, and prints that now and then where no bar is drawn."""
+    last, begun, is_over = "", monotonic(), Event()
 
     def line(text: str) -> None:
-        nonlocal printed
-        if not console.is_terminal and monotonic() - printed >= QUIET:
-            printed = monotonic()
-            console.print(text)
+        nonlocal last
+        last = text
 
-    return line
+    def watch() -> None:
+        while not is_over.wait(QUIET):
+            if last:
+                console.print(f"after {monotonic() - begun:.0f} s, {last}")
+
+    watcher = Thread(target=watch, daemon=True)
+    if not console.is_terminal:
+        watcher.start()
+    try:
+        yield line
+    finally:
+        is_over.set()
+        if watcher.ident is not None:
+            watcher.join()
 
 
 def pace(done: int, left: int, seconds: float) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 from limo_driver.app.library.executors import attempted
 from limo_driver.app.library.inputs import simulation_of
 from limo_driver.errors import ConfigError, LimoError
+from limo_driver.logs.readers.formats.reading import is_log
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -270,10 +271,12 @@ def key_and_size(place: Path | str, shared: str) -> tuple[str, int]:
     from estimators.studies.fleet import key_of, key_of_object
 
     if isinstance(place, Path):
-        about = place.stat()
-        if not S_ISREG(about.st_mode):  # to open a pipe waits until somebody writes to it
-            raise OSError(EINVAL, "it is a pipe, a device or a folder, expected a file")
-        return key_of(place, shared), about.st_size
+        files = sorted(place.rglob("*")) if place.is_dir() else [place]
+        files = [file for file in files if not file.is_dir()]
+        sizes = [file.stat() for file in files]
+        if not all(S_ISREG(about.st_mode) for about in sizes):  # a pipe waits for who writes to it
+            raise OSError(EINVAL, "it is a pipe or a device, expected a file")
+        return key_of(files, shared), sum(about.st_size for about in sizes)
     store, path = _store_of(place)
     return key_of_object(store.ukey(path), shared), store.size(path) or 0
 
@@ -292,7 +295,7 @@ def at_hand(place: Path | str) -> Generator[Path]:
 
 
 def _files(item: Path | str) -> list[Path]:
-    if Path(item).is_file():  # also a name with brackets in it
+    if Path(item).is_file() or (Path(item).is_dir() and is_log(Path(item))):  # also with brackets
         return [Path(item)]
     return files_of(str(item))
 
@@ -320,6 +323,8 @@ def _store_of(url: str) -> tuple[Any, str]:
 def files_of(pattern: str) -> list[Path]:
     """Return the files that match, each once, in order; a link to nothing is among them.
 
+    A folder that is a log counts as a file, and what lies in it does not.
+
     `**` stands for any number of folders, linked ones included. `glob` of Python would follow a
     link to a folder above it round and round.
 
@@ -327,8 +332,10 @@ def files_of(pattern: str) -> list[Path]:
         pattern: As a shell has it.
     """
     found = dict.fromkeys(sorted(_matching(pattern)))
-    places = map(Path, found)
-    return [place for place in places if not place.is_dir() and os.path.lexists(place)]
+    places = [place for place in map(Path, found) if os.path.lexists(place)]
+    logs = {place for place in places if place.is_dir() and is_log(place)}
+    within = (place for place in places if logs.isdisjoint(place.parents))
+    return [place for place in within if place in logs or not place.is_dir()]
 
 
 def _matching(pattern: str) -> Iterator[str]:

@@ -242,7 +242,9 @@ def read_name(column: str, joints: Sequence[str] = ()) -> Name:
     if isinstance(joint, int):
         joint, words = _joint_in(words_of(_AXIS.sub(" axis ", rest)), ())
     if not unit:
-        unit, words = _unit_at_end(words, least=0 if isinstance(joint, str) else 1)
+        # a unit alone is a name of a time, as `sec`, and of nothing else
+        is_time = joint is None and WRITTEN.get("".join(words)) in SECONDS and len(column) > 1
+        unit, words = _unit_at_end(words, least=0 if is_time or isinstance(joint, str) else 1)
     quantities = [word for word in words if word in _QUANTITY]
     quantity = _QUANTITY[quantities[-1]] if quantities else NOTHING
     if quantity == CURRENT and any(_QUANTITY[word] == TORQUE for word in quantities):

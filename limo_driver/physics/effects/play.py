@@ -139,7 +139,7 @@ class Backlash(MotionEffect):
         sign = np.tanh(motion.velocity / (self.v_eps or SIGN_WIDTH))
         if self.width is not None:
             return self.drag * (_wound(after, position, flank, self.width) - sign), after
-        return -self.drag * sign * _loose(after, position, flank), after
+        return -self.drag * sign * _loose(after, position, np.sign(sign), flank), after
 
     def with_more(self, more: Effect) -> Effect | None:
         """Return one play for two that the link falls across; drags of two gaps stay two."""
@@ -244,19 +244,23 @@ def _float(
     return displacement
 
 
-@compiled(reads=("position",), nogil=True)
-def _loose(state: FloatArray, position: FloatArray, flank: float) -> FloatArray:
+@compiled(reads=("position", "way"), nogil=True)
+def _loose(state: FloatArray, position: FloatArray, way: FloatArray, flank: float) -> FloatArray:
     """Advance (lead of the link over the drive, unused, last position) in place.
+
+    `way` is the sign of the velocity, (T,): a joint that turned back within the step before a
+    sample is off the flank that it came from.
 
     Returns:
         The part of the time around each sample, a step long, in which no flank is met, (T,): the
-        joint goes on as it came. The part of the step before would be late by half of one.
+        joint goes on as it moves. The part of the step before would be late by half of one.
     """
     x, last = state[0], state[2]
     loose = np.empty(position.size)
     for t in range(position.size):
         step = 0.0 if np.isnan(last) else position[t] - last
-        ahead = flank - math.copysign(1.0, step) * (x + step)  # to the flank that is moved to
+        to = way[t] if way[t] != 0.0 else math.copysign(1.0, step)
+        ahead = flank - to * (x + step)  # to the flank that is moved to
         x, last = min(max(x + step, -flank), flank), position[t]
         if step != 0.0:
             loose[t] = min(max(0.5 + ahead / abs(step), 0.0), 1.0)

@@ -7,6 +7,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
     Backlash,
+    CoulombFriction,
     ExternalContact,
     JointCoupling,
     LoadDependentFriction,
@@ -135,6 +136,20 @@ def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():
     loose = np.clip(0.5 + ahead / 1e-3, 0.0, 1.0)  # half of the time about a sample on it
     loose[forth.size] = 0.0  # the step between both directions goes nowhere, at a flank
     np.testing.assert_allclose(torque, -1.5 * np.sign(velocity) * loose, atol=1e-9)
+
+
+def test_no_drag_drives_a_joint_that_turned_back_between_two_samples():
+    """At a sample the joint already goes back, though it is farther than at the last one."""
+    play = Backlash(joint=1, gap=0.02, drag=1.0, v_eps=1e-6)
+    dry = CoulombFriction(joint=1, tau_c=1.0, v_eps=1e-6)
+    time = np.arange(0, 3, 0.01)
+    zero = np.zeros_like(time)
+    for late in np.linspace(0, 0.01, 5):
+        q, v = np.sin(5 * (time - late)), 5 * np.cos(5 * (time - late))
+        motion = JointMotion(time, q, v, zero, zero)
+        felt = sum(effect.advance(effect.initial_state(), motion)[0] for effect in (play, dry))
+        after = np.flatnonzero(np.diff(np.sign(v)) != 0) + 1
+        np.testing.assert_allclose(felt[after], 0.0, atol=1e-9)
 
 
 def test_a_drag_comes_back_at_the_gap_however_coarse_the_samples():

@@ -194,9 +194,14 @@ def test_logs_that_would_take_minutes_or_all_memory_are_refused(tmp_path, name, 
     ("inside", "said"),
     [
         pytest.param(
-            '<worldbody><replicate count="1000000000"><geom size="1"/></replicate></worldbody>',
+            '<worldbody><replicate count="9999"><replicate count="50"><geom size="1"/>'
+            "</replicate></replicate></worldbody>",
             "s of CPU time to read",
             marks=pytest.mark.slow("takes all of its budget"),
+        ),
+        (
+            '<worldbody><replicate count="65536"><geom size="1"/></replicate></worldbody>',
+            "its replicate '' has 65536 copies, expected at most 10000",
         ),
         (
             '<asset><hfield name="h" nrow="60000" ncol="60000" size="1 1 1 1"/></asset>',

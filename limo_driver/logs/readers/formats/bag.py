@@ -306,7 +306,7 @@ class _Found:
         key = (message.topic, tuple(sorted(found.values)))
         group = self.groups.get(key)
         if group is None:
-            held = tuple(filter(_is_of_joints, found.values))
+            held = tuple(name for name in found.values if self._is_kept(name, message))
             if not held:
                 self.others.add(message.topic)
                 return
@@ -316,6 +316,18 @@ class _Found:
         if abs(found.stamp_ns or message.log_time_ns) > _LATEST:
             raise WireFormatError(f"a stamp of {found.stamp_ns} ns", 0)
         group.add(message, found.stamp_ns, np.array([found.values[name] for name in group.held]))
+
+    def _is_kept(self, column: str, message: LoggedMessage) -> bool:
+        """Say whether a number may be motion or torque of a joint, behind its gear.
+
+        Of a topic that is asked for, and of which no type says what it holds, all may be.
+        """
+        if message.topic == self.topic and message.schema not in _ORDER:
+            return True
+        is_before_gear = message.schema.startswith(_FRANKA) and not _OF_MOTOR.isdisjoint(
+            words_of(column)
+        )
+        return read_name(column).quantity in _MEASURED and not is_before_gear
 
     def meant(self, joints: Sequence[str], source: str, notes: Sequence[str] = ()) -> _Group:
         """Return the group that has the robot's joints; notes say what was wrong with the files."""
@@ -365,17 +377,14 @@ class _Found:
         why = "".join(f"; {topic} cannot be read: {text}" for topic, text in self.unread.items())
         return (
             f"no joint states{f' of topic {self.topic}' if self.topic else ''}{unread}; it holds "
-            f"{', '.join(named) or 'nothing'}{why}"
+            f"{', '.join(named) or 'nothing'}{why}{_ANY_TYPE if named and not self.topic else ''}"
         )
 
 
+_ANY_TYPE: Final = "; of one that `topic` names, the numbers are read"
 _MEASURED: Final = (POSITION, VELOCITY, TORQUE)
-_OF_MOTOR: Final = frozenset({"motor", "theta", "dtheta"})  # before the gear, in Franka's messages
-
-
-def _is_of_joints(column: str) -> bool:
-    """Say whether a number of a message may be motion or torque of a joint, behind its gear."""
-    return read_name(column).quantity in _MEASURED and _OF_MOTOR.isdisjoint(words_of(column))
+_FRANKA: Final = "franka_msgs/"
+_OF_MOTOR: Final = frozenset({"motor", "theta", "dtheta"})  # before the gear, in these messages
 
 
 def _joined(

@@ -87,6 +87,13 @@ def read_table(
     raise RecordingError(f"is of a kind that is not known, {_EXPECTED}", path=path)
 
 
+def is_log(folder: Path) -> bool:
+    """Say whether a folder is one log: a bag as ROS 2 writes it, or a LeRobotDataset."""
+    from limo_driver.logs.readers.formats.lerobot import is_dataset
+
+    return is_dataset(folder) or (folder / "metadata.yaml").is_file()
+
+
 def _refuse_pointer(path: Path) -> None:
     """Refuse what Git leaves in the place of a large file.
 

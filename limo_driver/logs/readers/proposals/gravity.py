@@ -11,6 +11,8 @@ import numpy as np
 from limo_driver.logs.readers.columns import UNITS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from limo_driver.model import RobotModel
@@ -92,11 +94,8 @@ class Gravity:
         """
         if self.torque is None:
             return self
-        size = float(np.linalg.norm(self.model.gravity))
-        turned = [  # the other direction is the same with the other sign, which is fitted
-            Gravity(self.model.with_gravity((size * axis).tolist()), self.torque, self._unit)
-            for axis in np.eye(3)
-        ]
+        _, *models = mountings(self.model)
+        turned = [Gravity(model, self.torque, self._unit) for model in models]
         best = min(turned, key=lambda item: item.of(position, units))
         is_better = best.of(position, units) < self.of(position, units) - DECISIVE
         return best if is_better else self
@@ -140,6 +139,14 @@ class Gravity:
             if together**2 > _MOST * energy * float(torque @ torque):
                 found[j] = energy / together
         return found
+
+
+def mountings(model: RobotModel) -> Iterator[RobotModel]:
+    """Yield a robot as it is described, and with gravity along each axis of its base."""
+    yield model
+    size = float(np.linalg.norm(model.gravity))
+    for axis in np.eye(3):  # the other direction is the same with the other sign, which is fitted
+        yield model.with_gravity((size * axis).tolist())
 
 
 def _fit(

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from limo_driver.model import RobotModel
     from limo_driver.types import FloatArray
 
-_MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
+MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
@@ -307,17 +307,11 @@ def _flipped(
     return units, least
 
 
-def within_limits(position: FloatArray, unit: str, model: RobotModel) -> bool:
-    """Say whether positions (T, n) in a unit are within the limits of all joints."""
-    scale = np.where(model.sliding, 1.0, UNITS["position"][unit])
-    return bool(len(position) and _possible(position * scale, model).all())
-
-
 def _possible(position: FloatArray, model: RobotModel) -> np.ndarray:
     """Say of each joint whether positions (T, n) [rad] are within its limits."""
     limits = model.limits
     low, high = np.nanquantile(position, (0.002, 0.998), axis=0)
-    fits = (low > limits.position_min - _MARGIN) & (high < limits.position_max + _MARGIN)
+    fits = (low > limits.position_min - MARGIN) & (high < limits.position_max + MARGIN)
     return fits | np.array(model.turning)
 
 

@@ -384,6 +384,9 @@ def _torques(draft: _Draft, family: ColumnFamily | None, position: Channels) -> 
     if family is None:
         none = ", ".join(draft.table.lost(TORQUE, CURRENT))
         why = none or "no column is named like a measured torque"
+        others = [f for f in _complete(draft, NOTHING) if f.columns != position.columns]
+        if others:
+            why += f"; no name says what {shortened(list(map(str, others)))} are"
         draft.taken.append(Taken(TORQUE, "none", "", why))
         return None
     stated = family.stated

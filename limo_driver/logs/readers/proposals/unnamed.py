@@ -1,14 +1,14 @@
 """Columns of which no name says what they are: their numbers say it, and it is asked about.
 
 As many columns as the robot has joints are taken together: numbered ones, ones that end in letters
-from A on, and, where no column has a name, one block after the other. Positions are within the
-limits; their rate of change, and the gravity torque of the arm in them, tell the others. What a
-name calls a goal, a target or the like, and what positions follow, are their set-points.
+from A on, and, where names show no such series, any that stand at even distances. Positions are
+within the limits; their rate of change, and the torque that moves and holds the described arm
+along them, tell the others, and which joint is which. What a name calls a goal, a target or the
+like, and what positions follow, are their set-points.
 """
 
 from __future__ import annotations
 
-import math
 import re
 from collections import defaultdict
 from dataclasses import dataclass, field, replace
@@ -29,9 +29,9 @@ from limo_driver.logs.readers.columns import (
     VELOCITY,
     ColumnFamily,
     Name,
+    read_name,
 )
-from limo_driver.logs.readers.proposals.gravity import DECISIVE, Gravity, some_rows
-from limo_driver.logs.readers.proposals.motion_units import within_limits
+from limo_driver.logs.readers.proposals.column_numbers import ColumnNumbers, are_apart, in_order
 from limo_driver.logs.readers.proposals.times import time_columns, time_in
 
 if TYPE_CHECKING:
@@ -42,16 +42,13 @@ if TYPE_CHECKING:
     from limo_driver.logs.readers.proposals.times import TimeFound
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
 
 _COUNTED: Final = re.compile(r"column_\d+")
 _LETTERED: Final = re.compile(r"(.+?)[ _.-]?([A-Za-z])")
-_MOST: Final = 8  # groups of columns that are looked at
-_SWEEP: Final = 0.1  # [s] over which rates and changes are compared
-_SAME: Final = 0.9  # correlation of rates with changes, of most joints
-_RANGES: Final = 2.0  # times that of positions, at most, of set-points that they follow
+_MOST: Final = 48  # columns that are looked at
 _EVEN: Final = 0.5  # of the usual step, within which nearly all steps of a time are
 _NEARLY_ALL: Final = 0.9
+_RUN: Final = 50_000  # rows without a gap that are differentiated
 
 
 @dataclass
@@ -69,7 +66,7 @@ class ByNumbers:
         if not self.found:
             return ""
         counted = [f"{TIME}: {x}" for x in self.time.columns.columns if _COUNTED.fullmatch(x)]
-        named = (f"{quantity}: {family}" for quantity, family in self.found.items())
+        named = (f"{quantity}: {_listed(family)}" for quantity, family in self.found.items())
         listed = "; ".join((*counted, *named))
         because = f" ({', '.join(self.why)})" if self.why else ""
         return (
@@ -82,8 +79,11 @@ class ByNumbers:
     ) -> ColumnFamily:
         """Take columns for a quantity, asked about under another name where it is `called` so."""
         names = tuple(replace(name, quantity=quantity, family=()) for name in family.names)
-        self.found[called or quantity] = taken = replace(family, quantity=quantity, names=names)
-        self.families = [*(other for other in self.families if other is not family), taken]
+        rank = COMMANDED if called else family.rank
+        taken = replace(family, quantity=quantity, rank=rank, names=names)
+        self.found[called or quantity] = taken
+        others = (other for other in self.families if {*other.columns} != {*family.columns})
+        self.families = [*others, taken]
         self.why += [why] if why else []
         return taken
 
@@ -98,48 +98,58 @@ def families_by_numbers(
         families: What names say.
         model: The robot.
     """
-    blocks = _blocks(table, model.n)
-    if blocks is not None:
-        time, groups = blocks
-        result = ByNumbers(time, list(groups))
-    else:
-        result = ByNumbers(time_columns(table), [*families, *_lettered(table, model.n)])
-        groups = [f for f in result.families if f.quantity == NOTHING and _is_whole(f, model.n)]
-    named = {f.quantity for f in families if _is_whole(f, model.n)}
-    lacks_torque = named.isdisjoint({TORQUE, CURRENT})
-    if not groups or not (lacks_torque or POSITION not in named):
+    counted = all(map(_COUNTED.fullmatch, table.columns))
+    time = (_counted_time(table) if counted else None) or time_columns(table)
+    result = ByNumbers(time, [] if counted else [*families, *_lettered(table, model.n)])
+    whole = [f for f in result.families if len(f.names) == model.n and not f.missing]
+    named = {f.quantity: f for f in reversed(whole)}
+    has_torque = not named.keys().isdisjoint({TORQUE, CURRENT})
+    if POSITION in named and has_torque:
         return result
-    numbers = _Numbers(table, result.time, model)
-    left = list(groups[:_MOST])
-    if POSITION not in named:
-        others = [f for f in families if f.quantity in {TORQUE, VELOCITY}]
-        position = numbers.position(left, others)
-        if position is None and blocks is None:
-            return result
-        position = position or left[0]
-        left.remove(position)
-        position = result.take(POSITION, position)
-    else:
-        position = next(f for f in families if f.quantity == POSITION and _is_whole(f, model.n))
+    known = {*time.columns.columns, *(c for f in whole if f.quantity for c in f.columns)}
+    loose = _loose(table, known, model.joint_names)
+    series = [f for f in whole if f.quantity == NOTHING]
+    layouts = [series] if series else _layouts(loose, model.n)
+    is_filled = counted and bool(layouts) and len(loose) % model.n == 0
+    both = POSITION not in named
+    numbers = ColumnNumbers(table, time, model, sure=bool(series), both=both)
+    others = [f for f in whole if f.quantity in {TORQUE, VELOCITY}]
+    position = named.get(POSITION) or numbers.position(layouts, others)
+    if position is None and not is_filled:
+        return result
+    position = position or layouts[0][0]
+    left = [f for groups in layouts for f in groups if are_apart(f, position)]
     goals = next((f for f in left if numbers.is_followed(f, position)), None)
+    if goals is not None and both and numbers.ahead(goals, position) < 0:
+        position, goals = goals, position
+    rate = numbers.velocity(left, position)
+    taken = [f for f in (position, goals, rate) if f is not None]
+    left = [f for f in left if all(are_apart(f, other) for other in taken)]
+    left = [f for f in left if not numbers.is_scaled(f, position)]
+    torque = None if has_torque else numbers.torque(left, position)
+    why, order = "the described arm has such torques in these positions", tuple(range(model.n))
+    if torque is not None:
+        order = numbers.order(torque, position)
+        why += "" if [*order] == sorted(order) else ", of which the numbers are not in their order"
+    elif is_filled and not has_torque and len(loose) == 2 * model.n and left:
+        torque, why = left[0], ""
+    own = order if both else tuple(range(model.n))
+    if both:
+        result.take(POSITION, in_order(position, own))
     if goals is not None:
-        left.remove(goals)
-        result.take(POSITION, goals, "the positions follow them", called=COMMAND)
-    rate = next((f for f in left if numbers.is_rate(f, position)), None)
+        result.take(POSITION, in_order(goals, own), "the positions follow them", called=COMMAND)
     if rate is not None and VELOCITY not in named:
-        left.remove(rate)
-        result.take(VELOCITY, rate, "the one is the rate of change of the other")
-    if lacks_torque and left:
-        torque = min(left, key=lambda family: numbers.gravity(family, position))
-        if numbers.gravity(torque, position) < -DECISIVE:
-            result.take(TORQUE, torque, "gravity makes such torques in these positions")
-        elif blocks is not None and len(left) == 1:
-            result.take(TORQUE, torque)
+        result.take(VELOCITY, in_order(rate, own), "the one is the rate of change of the other")
+    if torque is not None:
+        result.take(TORQUE, in_order(torque, order), why)
     return result
 
 
-def _is_whole(family: ColumnFamily, joints: int) -> bool:
-    return len(family.names) == joints and not family.missing
+def _listed(family: ColumnFamily) -> str:
+    """Return the columns of a family, each of them where their numbers do not go on by one."""
+    ends = [int(numbers[-1]) for x in family.columns if (numbers := re.findall(r"\d+", x))]
+    is_row = all(b - a == 1 for a, b in pairwise(ends))
+    return str(family) if is_row else ", ".join(family.columns)
 
 
 def _family(columns: Sequence[str]) -> ColumnFamily:
@@ -147,20 +157,13 @@ def _family(columns: Sequence[str]) -> ColumnFamily:
     return ColumnFamily(NOTHING, PLAIN, tuple(names))
 
 
-def _blocks(table: LogTable, joints: int) -> tuple[TimeFound, list[ColumnFamily]] | None:
-    """Return the time and the blocks of columns without names; None if they have any."""
-    names = list(table.columns)
-    if len(names) < 2 or not all(map(_COUNTED.fullmatch, names)):  # noqa: PLR2004
+def _counted_time(table: LogTable) -> TimeFound | None:
+    """Return the time among columns without names: one that runs evenly, and counts no rows."""
+    even = [name for name, values in table.columns.items() if _runs_evenly(values)]
+    if not even:
         return None
-    first, *others = names
-    if len(others) % joints or not _runs_evenly(table.columns[first]):
-        return None
-    found = time_in(table, first)
-    cuts = pairwise(range(0, len(others) + 1, joints))
-    return (
-        replace(found, why=f"it runs evenly; {found.why}"),
-        [_family(others[a:b]) for a, b in cuts],
-    )
+    found = time_in(table, next((x for x in even if not _counts(table.columns[x])), even[0]))
+    return replace(found, why=f"it runs evenly; {found.why}")
 
 
 def _runs_evenly(values: NDArray[np.generic]) -> bool:
@@ -169,6 +172,10 @@ def _runs_evenly(values: NDArray[np.generic]) -> bool:
     steps = np.diff(values.astype(np.float64))
     usual = float(np.median(steps)) if steps.size else 0.0
     return usual > 0 and bool((np.abs(steps - usual) < _EVEN * usual).mean() > _NEARLY_ALL)
+
+
+def _counts(values: NDArray[np.generic]) -> bool:
+    return float(np.median(np.diff(values.astype(np.float64)))) == 1.0
 
 
 def _lettered(table: LogTable, joints: int) -> list[ColumnFamily]:
@@ -181,79 +188,28 @@ def _lettered(table: LogTable, joints: int) -> list[ColumnFamily]:
     return [_family([own[x] for x in wanted]) for own in series.values() if [*own] == wanted]
 
 
-class _Numbers:
-    """What the values of columns say of each other."""
+def _loose(table: LogTable, known: set[str], joints: Sequence[str]) -> list[str]:
+    """Return columns of numbers that change, of which no name says what they are."""
+    return [
+        name
+        for name, values in table.columns.items()
+        if values.dtype.kind in "fiu"
+        and name not in known
+        and read_name(name, joints).quantity == NOTHING
+        and not _runs_evenly(values)
+        and np.unique(values[np.isfinite(values)][:_RUN]).size > 1
+    ]
 
-    def __init__(self, table: LogTable, time: TimeFound, model: RobotModel) -> None:
-        self._table, self._model = table, model
-        self._time = None if time.questions else time.columns.read(table)[0]
 
-    def _values(self, family: ColumnFamily) -> FloatArray:
-        own = [self._table.columns[name] for name in family.columns]
-        return np.stack(own, axis=1).astype(np.float64)
-
-    def position(
-        self, groups: Sequence[ColumnFamily], others: Sequence[ColumnFamily]
-    ) -> ColumnFamily | None:
-        """Return the group that is most likely the positions; None if no number says so."""
-        scores = dict[int, float]()
-        for k, group in enumerate(groups):
-            if not self._units(group):
-                continue
-            rest = [other for other in (*groups, *others) if other is not group]
-            has_rate = any(self.is_rate(other, group) for other in rest)
-            least = min((self.gravity(other, group) for other in rest), default=0.0)
-            scores[k] = least - 10 * DECISIVE * has_rate
-        best = min(scores, key=lambda k: scores[k], default=None)
-        return groups[best] if best is not None and scores[best] < -DECISIVE else None
-
-    def _units(self, group: ColumnFamily) -> list[str]:
-        """Return the units in which a group may be positions."""
-        values = self._values(group)
-        known = values[np.isfinite(values).all(axis=1)]
-        return [unit for unit in ("rad", "deg") if within_limits(known, unit, self._model)]
-
-    def is_followed(self, goals: ColumnFamily, position: ColumnFamily) -> bool:
-        """Say whether a group that its names call commanded has set-points of positions."""
-        if goals.rank != COMMANDED:
-            return False
-        both = np.stack([self._values(goals).T, self._values(position).T], axis=1)  # (n, 2, T)
-        both = both[..., np.isfinite(both).all(axis=(0, 1))]
-        both = both[(np.ptp(both, axis=2) > 0).all(axis=1)] if both.size else both
-        if not both.size:
-            return False
-        wider = float(np.median(np.diff(np.log(np.ptp(both, axis=2)))))
-        units = (0.0, math.log(math.degrees(1.0)), -math.log(math.degrees(1.0)))
-        alike = np.median([np.corrcoef(joint)[0, 1] for joint in both])
-        return min(abs(wider - unit) for unit in units) < math.log(_RANGES) and alike > _SAME
-
-    def is_rate(self, rate: ColumnFamily, position: ColumnFamily) -> bool:
-        """Say whether one group is the rate of change of another."""
-        if self._time is None or len(rate.names) != len(position.names):
-            return False
-        rows = np.append(True, np.diff(self._time) > 0) & np.isfinite(self._time)
-        time, rates, places = (
-            self._time[rows],
-            self._values(rate)[rows],
-            self._values(position)[rows],
-        )
-        step = np.diff(time)
-        every = max(1, round(_SWEEP / float(np.median(step))))
-        path = np.vstack(
-            [0 * rates[:1], np.cumsum((rates[1:] + rates[:-1]) / 2 * step[:, None], 0)]
-        )
-        says, does = (np.diff(x[::every], axis=0) for x in (path, places))
-        together = (says * does).sum(axis=0)
-        size = np.sqrt((says**2).sum(axis=0) * (does**2).sum(axis=0))
-        moving = size > 0
-        return bool(moving.any() and np.median(together[moving] / size[moving]) > _SAME)
-
-    def gravity(self, torque: ColumnFamily, position: ColumnFamily) -> float:
-        """Return what gravity leaves of one group in the positions of another; less is better."""
-        if len(torque.names) != self._model.n:
-            return 0.0
-        places, torques = self._values(position), self._values(torque)
-        rows = some_rows(places, torques)
-        cost = Gravity(self._model, torques[rows])
-        every = (cost.of(places[rows], (unit,) * self._model.n) for unit in self._units(position))
-        return min(every, default=0.0)
+def _layouts(columns: Sequence[str], joints: int) -> list[list[ColumnFamily]]:
+    """Return by their distance what may be columns of one quantity: side by side, every third."""
+    if len(columns) > _MOST:
+        return []
+    strides = range(1, (len(columns) // joints if joints > 1 else 1) + 1)
+    return [
+        [
+            _family(columns[a : a + stride * joints : stride])
+            for a in range(len(columns) - stride * (joints - 1))
+        ]
+        for stride in strides
+    ]

@@ -355,16 +355,16 @@ def check_assets(files: Sequence[Path]) -> None:
 
 
 def _check_size(element: ET.Element, path: Path) -> None:
-    told = [element.get(key, "") for key in _SIZED.get(element.tag, ())]
-    if not told or not all(map(str.isdecimal, told)):
+    copies = element.tag == "replicate"
+    keys = ("count",) if copies else _SIZED.get(element.tag, ())
+    stated = [element.get(key, "") for key in keys]
+    if not stated or not all(map(str.isdecimal, stated)):
         return  # a file has them, or MuJoCo says what is wrong
-    if math.prod(sizes := [float(word) for word in told]) > _MOST_VALUES:
-        named = " x ".join(f"{size:.15g}" for size in sizes)
-        raise ConfigError(
-            f"its {element.tag} {element.get('name', '')!r} has {named} values, "
-            f"expected at most {_MOST_VALUES}",
-            path=path,
-        )
+    most, what = (int(_MANY), "copies") if copies else (_MOST_VALUES, "values")
+    if math.prod(sizes := [float(word) for word in stated]) > most:
+        named = f"{element.tag} {element.get('name', '')!r}"
+        size = " x ".join(f"{size:.15g}" for size in sizes)
+        raise ConfigError(f"its {named} has {size} {what}, expected at most {most}", path=path)
 
 
 def is_plain(files: Iterable[Path]) -> bool:

@@ -189,7 +189,7 @@ def test_the_key_changes_with_bytes_simulation_and_bandwidth(fleet):
     assert digest_of(simulation, 10.0) == digest_of(friction, 10.0)
     assert digest_of(simulation, 10.0) != digest_of(simulation, 9.0)
     assert digest_of(simulation, 10.0) != digest_of(limo.Simulation("iiwa14"), 10.0)
-    one, two = (key_of(fleet / f"a/2026-03-0{k}.parquet", "x") for k in (1, 2))
+    one, two = (key_of([fleet / f"a/2026-03-0{k}.parquet"], "x") for k in (1, 2))
     assert one != two
 
 
@@ -210,7 +210,7 @@ def test_logs_of_another_format_are_read_as_one_mapping_says(fleet, tmp_path):
     (row,) = rows_of([path], digest_of(simulation, 10.0, mapping.as_file))
     assert FleetJob(simulation, 10.0, mapping).refused(row) is None
     refused = FleetJob(simulation, 10.0).refused(row)
-    assert "has no positions of the 2 joints" in refused.error
+    assert "no name says what they are: is it position: one, two" in refused.error
     assert digest_of(simulation, 10.0) != digest_of(simulation, 10.0, mapping.as_file)
 
 
@@ -305,7 +305,7 @@ def test_a_link_to_nothing_is_a_row_that_says_so(tmp_path):
 def test_a_pipe_is_a_row_that_says_so_and_nobody_waits_for_it(tmp_path):
     os.mkfifo(tmp_path / "pipe.parquet")
     (row,) = rows_of(matched(f"{tmp_path}/*"), "")
-    assert row.error == "cannot be read: it is a pipe, a device or a folder, expected a file"
+    assert row.error == "cannot be read: it is a pipe or a device, expected a file"
 
 
 def test_a_simulation_that_fits_no_recording_is_named_before_any_worker(
@@ -359,6 +359,21 @@ def test_a_link_that_is_given_is_followed(tree):
     (tree / "arms" / "c").symlink_to(tree / "store")
     (tree / "arms" / "a" / "up").unlink()
     assert names("arms/**/5.csv") == ["arms/c/5.csv"]
+
+
+def test_a_folder_that_is_a_log_is_one_recording(tree):
+    inside = tree / "arms" / "a" / "2026-01-05"
+    (inside / "meta").mkdir(parents=True)
+    (inside / "meta" / "info.json").write_text("{}")
+    (inside / "data.csv").touch()
+    assert names("arms/a/2026*") == ["arms/a/2026-01-05"]
+    assert "arms/a/2026-01-05" in names("arms/a/**")
+    assert not [name for name in names("arms/a/**") if name.startswith("arms/a/2026-01-05/")]
+    (row,) = rows_of(matched("arms/a/2026*"), "")
+    assert (row.arm, row.bytes, row.error) == ("a", 2, "")
+    (inside / "data.csv").write_text("1")
+    (other,) = rows_of(matched("arms/a/2026-01-05"), "")
+    assert other.key != row.key
 
 
 @pytest.mark.usefixtures("tree")

@@ -2,6 +2,7 @@
 
 import sqlite3
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,6 +55,8 @@ TYPES = {
     "franka_msgs/msg/CollisionIndicators": "bool[6] is_contact\nstring<=9[<=3] why\n",
     "franka_msgs/msg/FrankaRobotState": HEAD + NESTED,
     "franka_msgs/msg/FrankaState": HEAD + FRANKA,
+    "lab_msgs/msg/Drives": HEAD
+    + "float64[] angle\nfloat64[] motor_torque\nfloat64[] x\nuint8 mode\n",
     "lab_msgs/msg/Arm": HEAD + "string[] name\nfloat64[] position\nfloat64[] effort\n",
 } | {
     f"control_msgs/msg/{name}": HEAD
@@ -254,6 +257,21 @@ def test_a_type_that_nobody_knows_is_read_where_its_topic_is_asked_for(tmp_path)
         read_table(path, joints=NAMES)
     table = read_table(path, topic="/arm", joints=NAMES)
     np.testing.assert_array_equal(table.columns[f"effort.{NAMES[3]}"], TORQUE[:, 3])
+
+
+def test_of_a_topic_that_is_asked_for_every_number_is_a_column(tmp_path):
+    def drives(types, k):  # noqa: ARG001
+        return [POSITION[k], TORQUE[k], 2 * TORQUE[k], 3]
+
+    topics = {"/drives": ("lab_msgs/msg/Drives", drives)}
+    path = typed_bag(tmp_path / "bag", StoragePlugin.MCAP, topics)
+    with pytest.raises(RecordingError, match="of one that `topic` names, the numbers are read"):
+        read_table(path, joints=NAMES)
+    table = read_table(path, topic="/drives", joints=NAMES)
+    assert {"x[0]", "x[6]"} <= table.columns.keys()
+    columns = replace(propose(table, arm()).mapping, undecided=()).columns(table, arm())
+    np.testing.assert_array_equal(columns.position, POSITION)
+    np.testing.assert_array_equal(columns.torque, TORQUE)
 
 
 def test_a_type_that_the_bag_does_not_define_is_refused_with_what_to_do(tmp_path):
