@@ -8,7 +8,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -27,7 +26,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.streaming import Keys, follow_history
 from limo_driver.robot.realtime import RealtimeThreads
-from limo_driver.runtime.processes import Closing, end_with_parent
+from limo_driver.runtime.processes import Closing, command_of, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
 
 ARM: Final = "iiwa14"
 RATE: Final = 250  # [Hz] of the stream
-_LIMO: Final = (sys.executable, "-P", "-c", "from limo_driver.app.cli import main; main()")
+_LIMO: Final = command_of("limo_driver.app.cli")
 _PATIENCE: Final = 1200.0  # [s] for what is waited for, where something is broken
 _LOOK: Final = 0.5  # [s] between two looks whether the processes live
 _ENDING: Final = 60.0  # [s] for a process to end in order
