@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import signal
 import socket
 import subprocess
 import threading
@@ -146,7 +145,7 @@ def moving(
             arm = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
                 [*_LIMO, *wire.other_end, *physics], stdout=subprocess.PIPE, stderr=errors
             )
-            open_.callback(_end, arm, signal.SIGTERM, record.with_suffix(".other_end.json"))
+            open_.callback(_end, arm, record.with_suffix(".other_end.json"))
             if arm.stdout is None or not arm.stdout.readline():
                 raise BackendError(f"{wire.other_end[0]} did not start: see {errors.name}")
         driver = subprocess.Popen(  # noqa: S603
@@ -154,7 +153,7 @@ def moving(
             stdout=subprocess.DEVNULL,
             stderr=errors,
         )
-        open_.callback(_end, driver, signal.SIGINT)
+        open_.callback(_end, driver)
         try:
             yield driver
         except LimoError as error:
@@ -173,8 +172,8 @@ def _why_ended(record: Path, wire: ProvenWire) -> str:
     return f"{why}; {wire.name} needs real time at both ends, and this computer has {load}"
 
 
-def _end(process: subprocess.Popen[bytes], by: signal.Signals, report: Path | None = None) -> None:
-    process.send_signal(by)
+def _end(process: subprocess.Popen[bytes], report: Path | None = None) -> None:
+    process.terminate()  # what a shell starts in the background ignores SIGINT, and so would this
     try:
         output, _ = process.communicate(timeout=_ENDING)
     except subprocess.TimeoutExpired:
