@@ -102,7 +102,10 @@ class History:
 
 
 class RateFinder:
-    """Finds the rate from stamps and numbers; a lost state widens both alike."""
+    """Finds the rate from stamps and numbers; a lost state widens both alike.
+
+    Where a driver stood still it numbered nothing, and such a step counts as a usual one.
+    """
 
     def __init__(self) -> None:
         self._taken: list[tuple[int, int]] = []
@@ -122,10 +125,12 @@ class RateFinder:
         self._taken.append((sequence, stamp))
         if len(self._taken) < _STATES:
             return None
-        taken = np.array(self._taken)
-        steps = taken[_APART:] - taken[:-_APART]
-        interval = float(np.median(steps[:, 1] / steps[:, 0]))
+        numbers, times = np.diff(self._taken, axis=0).T.astype(np.float64)
         self._taken.clear()
+        usual = np.median(times / numbers) * numbers
+        times = np.where(times > (1.0 + _GAP) * usual, usual, times)
+        numbers, times = (np.convolve(of, np.ones(_APART), "valid") for of in (numbers, times))
+        interval = float(np.median(times / numbers))
         return float(f"{1e9 / interval:.3g}") if _SHORTEST <= interval <= _LONGEST else None
 
 
