@@ -379,9 +379,9 @@ class ArmService:
             self._outlet.external(payload, attachment)
         if self._outlet.known_wanted:
             known = ~(draft.outside | np.isnan(draft.std + draft.external))
-            values = (np.where(known, of, np.nan) for of in (draft.external, draft.std))
+            torque, std = (np.where(known, of, np.nan) for of in (draft.external, draft.std))
             about = model.version, model.physics_only, self._last - self._began
-            self._outlet.known(ExternalTorque(stamp, *values, *about), attachment)
+            self._outlet.known(ExternalTorque(stamp, torque, std, *about), attachment)
 
 
 @compiled(reads=("position", "torque"))

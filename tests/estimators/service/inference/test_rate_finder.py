@@ -34,6 +34,13 @@ def test_a_driver_that_stood_still_has_no_other_rate(where: list[int]) -> None:
     assert rate == pytest.approx(250.0)
 
 
+def test_stamps_in_pairs_are_no_stalls() -> None:
+    finder = RateFinder()
+    steps = np.tile([1e6, 7e6], 51)  # [ns], of 4 ms on average
+    rates = [finder.take(k, int(stamp)) for k, stamp in enumerate(np.cumsum(steps))]
+    assert next(filter(None, rates)) == pytest.approx(250.0, rel=0.04)
+
+
 def test_begins_anew_with_the_source() -> None:
     numbers = np.r_[500:560, 0:101]
     assert found(1000.0, numbers) == [pytest.approx(1000.0)]
