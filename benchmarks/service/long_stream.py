@@ -41,7 +41,7 @@ PUSH = 20.0  # [N m]
 class Counted:
     """What would publish and log, and here counts."""
 
-    external_wanted = True
+    external_wanted, known_wanted = True, False
 
     def __init__(self) -> None:
         self.estimates = self.externals = self.contacts = self.states = self.events = 0

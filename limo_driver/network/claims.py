@@ -269,6 +269,11 @@ class Keys:
         return f"{self.root}/torque/external"
 
     @property
+    def known(self) -> str:
+        """External torques as far as they are known."""
+        return f"{self.root}/torque/known"
+
+    @property
     def contact(self) -> str:
         """Whether something leans on each joint, or nobody knows."""
         return f"{self.root}/contact"

@@ -17,7 +17,7 @@ import math
 import time
 from dataclasses import asdict, dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.claims import Keys
@@ -25,10 +25,13 @@ from limo_driver.network.streaming import to_json
 from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     import zenoh
 
 PATIENCE: Final = 0.3  # [s] without news after which nothing is known
 _LONGEST: Final = 65536  # bytes of a contact state
+_T = TypeVar("_T")
 
 
 class Touch(StrEnum):
@@ -78,7 +81,55 @@ class ContactState:
             raise WireFormatError("no contact state", 0) from None
 
 
-class ContactListener(Closing):
+class NewsListener(Closing, Generic[_T]):
+    """Hears the newest of what a service says, and forgets it where nothing follows.
+
+    Args:
+        session: Open Zenoh session.
+        key: Of the news.
+        decode: Reads them.
+        patience: Time without news after which nothing is known [s].
+
+    Raises:
+        ConfigError: `patience` is not above 0 and finite.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, key: str, decode: Callable[[bytes], _T], patience: float
+    ) -> None:
+        if not 0.0 < patience < math.inf:
+            raise ConfigError(f"`patience` is {patience:g} s, expected above 0 and finite")
+        self._decode, self._patience = decode, patience
+        self._heard: tuple[float, _T] | None = None  # when [s], and what
+        self.malformed = 0
+        self._subscriber = session.declare_subscriber(key, self._take)
+
+    @property
+    def latest(self) -> _T | None:
+        """What was heard last, however long ago; None before anything was."""
+        return None if self._heard is None else self._heard[1]
+
+    @property
+    def current(self) -> _T | None:
+        """What was heard last; None before any news, and where they stay away."""
+        heard = self._heard
+        late = heard is not None and time.monotonic() - heard[0] > self._patience
+        return None if heard is None or late else heard[1]
+
+    def close(self) -> None:
+        """Hear no more."""
+        self._subscriber.undeclare()
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        try:
+            news = self._decode(sample.payload.to_bytes())
+        except WireFormatError:
+            self.malformed += 1
+            return
+        self._heard = time.monotonic(), news
+
+
+class ContactListener(NewsListener[ContactState]):
     """Hears what the service of an arm says of contacts.
 
     Args:
@@ -91,17 +142,7 @@ class ContactListener(Closing):
     """
 
     def __init__(self, session: zenoh.Session, arm: str, patience: float = PATIENCE) -> None:
-        if not 0.0 < patience < math.inf:
-            raise ConfigError(f"`patience` is {patience:g} s, expected above 0 and finite")
-        self._patience = patience
-        self._heard: tuple[float, ContactState] | None = None  # when [s], and what
-        self.malformed = 0
-        self._subscriber = session.declare_subscriber(Keys(arm).contact, self._take)
-
-    @property
-    def latest(self) -> ContactState | None:
-        """What was heard last, however long ago; None before anything was."""
-        return None if self._heard is None else self._heard[1]
+        super().__init__(session, Keys(arm).contact, ContactState.decode, patience)
 
     def of(self, joint: int) -> Touch:
         """Say whether something leans on a joint now; before any news, and without, it is unknown.
@@ -109,20 +150,6 @@ class ContactListener(Closing):
         Args:
             joint: 1-based.
         """
-        heard = self._heard
-        if heard is None or time.monotonic() - heard[0] > self._patience:
-            return Touch.UNKNOWN
-        joints = heard[1].joints
+        news = self.current
+        joints = () if news is None else news.joints
         return joints[joint - 1] if 0 < joint <= len(joints) else Touch.UNKNOWN
-
-    def close(self) -> None:
-        """Hear no more."""
-        self._subscriber.undeclare()
-
-    def _take(self, sample: zenoh.Sample) -> None:
-        try:
-            state = ContactState.decode(sample.payload.to_bytes())
-        except WireFormatError:
-            self.malformed += 1
-            return
-        self._heard = time.monotonic(), state

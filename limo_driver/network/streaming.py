@@ -5,6 +5,7 @@
 | `limo/<arm>/state/joints` | sensor_msgs/JointState |
 | `limo/<arm>/torque/estimate` | limo_msgs/TorqueEstimate |
 | `limo/<arm>/torque/external` | sensor_msgs/JointState whose effort is the external torque |
+| `limo/<arm>/torque/known` | external torque as far as it is known, see `external_torque` |
 | `limo/<arm>/contact` | JSON, ten times a second and when it changes |
 | `limo/<arm>/event` | rcl_interfaces/Log |
 | `limo/<arm>/status/service` | JSON, once a second and when its phase changes |

@@ -123,7 +123,7 @@ class Realtime(_Asked):
         self._freeze()
         self._fine_timers()
         if fifo:
-            self._undo += _prefer_all(PRIORITY, _OTHERS, 0, self.refused)
+            self._undo += _prefer_all(PRIORITY, _OTHERS, self.refused)
 
     def tidy(self) -> None:
         """Collect young garbage if there is much of it; call it where a cycle has time left."""
@@ -151,17 +151,16 @@ class Realtime(_Asked):
 class RealtimeThreads(_Asked):
     """Puts all threads that a process has by now under SCHED_FIFO, and locks its memory.
 
-    A loop that commands an arm comes before them. What they start, such as a training, is
-    scheduled as any other process.
+    A loop that commands an arm comes before them. Threads that they start are like them; a process
+    that they start leaves real time itself, `runtime.processes.leave_real_time`.
     """
 
     def __init__(self) -> None:
         super().__init__()
-        reset = getattr(os, "SCHED_RESET_ON_FORK", 0)
-        self._undo += _prefer_all(_BEHIND, _BEHIND, reset, self.refused)
+        self._undo += _prefer_all(_BEHIND, _BEHIND, self.refused)
 
 
-def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[Callable[[], None]]:
+def _prefer_all(own: int, others: int, refused: list[str]) -> list[Callable[[], None]]:
     """Put all threads under SCHED_FIFO, the calling one first, and lock memory.
 
     Threads of one interpreter wait for each other's lock, so one that is left out would hold the
@@ -170,8 +169,6 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
     Args:
         own: Priority of the calling thread.
         others: Of all others.
-        flags: Of the policy, for threads of Python. Those of the network start no processes, but
-            threads as they are themselves once somebody connects.
         refused: Gets what is not permitted.
 
     Returns:
@@ -181,22 +178,21 @@ def _prefer_all(own: int, others: int, flags: int, refused: list[str]) -> list[C
         refused.append("SCHED_FIFO and locked memory are for Linux only")
         return []
     calling = threading.get_native_id()
-    of_python = {thread.native_id for thread in threading.enumerate()}
     rest = {int(name) for name in os.listdir("/proc/self/task")} - {calling}
     undo = list[Callable[[], None]]()
     for thread in (calling, *rest):
         priority = own if thread == calling else others
-        undo += _prefer(thread, priority, flags if thread in of_python else 0, refused)
+        undo += _prefer(thread, priority, refused)
         if refused:
             return undo
     return undo + _lock_memory(refused)
 
 
-def _prefer(thread: int, priority: int, flags: int, refused: list[str]) -> list[Callable[[], None]]:
+def _prefer(thread: int, priority: int, refused: list[str]) -> list[Callable[[], None]]:
     """Put a thread under SCHED_FIFO; return what takes it back."""
     try:
         policy, parameters = os.sched_getscheduler(thread), os.sched_getparam(thread)
-        os.sched_setscheduler(thread, os.SCHED_FIFO | flags, os.sched_param(priority))
+        os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
     except ProcessLookupError:  # it has ended
         return []
     except OSError as error:

@@ -6,6 +6,7 @@ import os
 import select
 import signal
 import socket
+import sys
 import threading
 import time
 from abc import ABC, abstractmethod
@@ -235,8 +236,9 @@ class WorkerProcess(Generic[TaskT]):
 def end_with_parent() -> None:
     """Have this worker process end when its parent is gone, even in the midst of its work.
 
-    Ctrl-C is left to the parent, which ends its workers.
+    Ctrl-C is left to the parent, which ends its workers, and so is real time.
     """
+    leave_real_time()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     Thread(target=_follow_parent, daemon=True).start()
 
@@ -246,6 +248,21 @@ def _follow_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
+
+
+def command_of(module: str) -> tuple[str, ...]:
+    """Return what runs `main` of a module in a process, from the start scheduled as any other."""
+    begin = f"from {__name__} import leave_real_time; leave_real_time()"
+    return sys.executable, "-P", "-c", f"{begin}; from {module} import main; main()"
+
+
+def leave_real_time() -> None:
+    """Be scheduled as any other process from now on, though the thread that began it was not.
+
+    A thread that resets what it forks would reset the threads that it starts as well.
+    """
+    if hasattr(os, "sched_setscheduler"):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def give_way(nice: int) -> None:

@@ -17,6 +17,7 @@ from estimators.service.inference.live_model import Answer, History, LiveModel, 
 from estimators.slow_change import ChangeWatch
 from limo_driver.errors import LimoError, WireFormatError
 from limo_driver.network.contact_state import ContactState
+from limo_driver.network.external_torque import ExternalTorque
 from limo_driver.network.messages import (
     Attachment,
     EstimateDraft,
@@ -257,8 +258,7 @@ class ArmService:
             for line in self._changes.step(now, *given):
                 self._outlet.event("changed", line, Level.WARN)
         self.window.add(answer, self.watchdog.active, self._unturned, known=known)
-        if self._leaving is not None:
-            # Tell by how much torque stepped at a swap, of the first state after it
+        if self._leaving is not None:  # tell by how much torque stepped, of the first state after
             before, self._leaving = self._leaving, None
             answer = Answer.of(len(self.arm.joint_names))
             with suppress(LimoError):  # it may have been replaced because it fails
@@ -342,12 +342,9 @@ class ArmService:
         model, report = self.model, self._report
         delay = model.stream.delay
         since = tuple(self._stamp(time - delay) for time in report.since)
-        self._outlet.contact(
-            ContactState(
-                self._stamp(now - delay), report.joints, since, model.version, model.physics_only,
-                now - self._began,
-            )
-        )  # fmt: skip
+        about = model.version, model.physics_only, now - self._began
+        state = ContactState(self._stamp(now - delay), report.joints, since, *about)
+        self._outlet.contact(state)
 
     def _stamp(self, time: float) -> int:
         """Return the Unix time [ns] of a time of the stream [s]."""
@@ -378,9 +375,13 @@ class ArmService:
         self._outlet.estimate(draft.finished(stamp, reset=reset), attachment, stamp)
         if self._outlet.external_wanted:
             nothing = state.position[:0]
-            self._outlet.external(
-                self._states.encode(stamp, nothing, nothing, draft.external), attachment
-            )
+            payload = self._states.encode(stamp, nothing, nothing, draft.external)
+            self._outlet.external(payload, attachment)
+        if self._outlet.known_wanted:
+            known = ~(draft.outside | np.isnan(draft.std + draft.external))
+            torque, std = (np.where(known, of, np.nan) for of in (draft.external, draft.std))
+            about = model.version, model.physics_only, self._last - self._began
+            self._outlet.known(ExternalTorque(stamp, torque, std, *about), attachment)
 
 
 @compiled(reads=("position", "torque"))

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from limo_driver.logs.mcap_log import McapLog
     from limo_driver.network.contact_state import ContactState
+    from limo_driver.network.external_torque import ExternalTorque
     from limo_driver.network.readiness import ServicePhase
     from limo_driver.network.streaming import Keys
 
@@ -140,7 +141,8 @@ class StateSilence:
 class NetworkOutlet:
     """Publishes estimates, external torque, events and status of one arm, and logs them.
 
-    None of its methods blocks; `external_wanted` says whether anyone listens to external torques.
+    None of its methods blocks; `external_wanted` says whether anyone listens to external torques,
+    and `known_wanted` to what is known of them.
 
     Args:
         session: Open Zenoh session.
@@ -156,8 +158,12 @@ class NetworkOutlet:
         self._estimate = declare_stream(session, keys.estimate)
         self._external = declare_stream(session, keys.external)
         self._contact = declare_stream(session, keys.contact)
-        self.external_wanted = False
-        self._matching = self._external.declare_matching_listener(self._match)
+        self._known = declare_stream(session, keys.known)
+        self.external_wanted = self.known_wanted = False
+        self._matching = (
+            self._external.declare_matching_listener(self._match_external),
+            self._known.declare_matching_listener(self._match_known),
+        )
 
     def estimate(self, payload: bytes, attachment: bytes, stamp_ns: int) -> None:
         """Publish and log a torque estimate."""
@@ -168,6 +174,10 @@ class NetworkOutlet:
         """Publish an external torque, -Jᵀ F of what pushes the arm; the log has it in estimates."""
         self._external.put(payload, attachment=attachment)
 
+    def known(self, news: ExternalTorque, attachment: bytes) -> None:
+        """Publish an external torque as far as it is known."""
+        self._known.put(news.encode(), attachment=attachment)
+
     def contact(self, state: ContactState) -> None:
         """Publish what is known of contacts."""
         self._contact.put(state.encode())
@@ -176,8 +186,11 @@ class NetworkOutlet:
         """Log a joint state as it came."""
         self.log(self._keys.joints, JOINT_STATE, payload, stamp_ns, sequence)
 
-    def _match(self, status: zenoh.MatchingStatus) -> None:
+    def _match_external(self, status: zenoh.MatchingStatus) -> None:
         self.external_wanted = bool(status.matching)
+
+    def _match_known(self, status: zenoh.MatchingStatus) -> None:
+        self.known_wanted = bool(status.matching)
 
     def event(self, kind: str, text: str, level: Level = Level.INFO, **facts: object) -> None:
         """Publish, log and tell what happened."""
@@ -192,9 +205,9 @@ class NetworkOutlet:
 
     def close(self) -> None:
         """Take the keys off the network."""
-        self._matching.undeclare()
-        for publisher in (self._estimate, self._external, self._contact):
-            publisher.undeclare()
+        streams = self._estimate, self._external, self._known, self._contact
+        for declared in (*self._matching, *streams):
+            declared.undeclare()
         self._bulletin.close()
 
 

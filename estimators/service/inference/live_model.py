@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _STATES: Final = 101  # from which the rate is found
+_MOST: Final = 90  # % of steps, which are no stall, however uneven
 _APART: Final = 25  # states whose stamps are compared, so that uneven ones count for less
 _FEW: Final = 10  # steps from which a rate is doubted
 _GAP: Final = 0.5  # periods more than one, from which a step is a gap
@@ -102,7 +103,7 @@ class History:
 
 
 class RateFinder:
-    """Finds the rate from stamps and numbers; a lost state widens both alike."""
+    """Finds the rate from stamps and numbers; a lost state widens both alike, a stall none."""
 
     def __init__(self) -> None:
         self._taken: list[tuple[int, int]] = []
@@ -122,10 +123,12 @@ class RateFinder:
         self._taken.append((sequence, stamp))
         if len(self._taken) < _STATES:
             return None
-        taken = np.array(self._taken)
-        steps = taken[_APART:] - taken[:-_APART]
-        interval = float(np.median(steps[:, 1] / steps[:, 0]))
+        steps = np.diff(self._taken, axis=0).T.astype(np.float64)  # of numbers, of stamps
         self._taken.clear()
+        each = steps[1] / steps[0]
+        steps[:, each > (1.0 + _GAP) * np.percentile(each, _MOST)] = 0.0
+        numbers, times = (np.convolve(of, np.ones(_APART), "valid") for of in steps)
+        interval = float(np.median(times / numbers))
         return float(f"{1e9 / interval:.3g}") if _SHORTEST <= interval <= _LONGEST else None
 
 

@@ -38,7 +38,7 @@ from estimators.service.store.aliases import draft
 from estimators.service.store.store import ModelStore
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError, LimoError, ModelStoreError, RecordingError
-from limo_driver.runtime.processes import end_when_abandoned, give_way
+from limo_driver.runtime.processes import command_of, end_when_abandoned, give_way
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -253,7 +253,7 @@ if __name__ == "__main__":
     main()
 
 
-_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.retraining.trainer")
+_COMMAND: Final = command_of("estimators.service.retraining.trainer")
 _ONE_THREAD: Final = {"OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
 _GLANCE: Final = 0.01  # [s] that a look at the process takes
 _LATE: Final = 10.0  # [s] beyond its limit, after which a process that did not end itself is killed

@@ -29,7 +29,7 @@ from estimators.service.store.store import ModelStore
 from estimators.service.store.version import replay
 from estimators.stream import Stream
 from limo_driver.errors import LimoError, ModelStoreError
-from limo_driver.runtime.processes import give_way, processor_time
+from limo_driver.runtime.processes import command_of, give_way, processor_time
 
 if TYPE_CHECKING:
     import threading
@@ -40,7 +40,7 @@ _LOOK: Final = 0.2  # [s] between two looks whether it has to end
 TIMEOUT: Final = 120.0  # [s] of processor time; a fresh process compiles first
 _LONGEST: Final = 3600.0  # [s], whoever asked
 _NICE: Final = 10
-_COMMAND: Final = (sys.executable, "-P", "-m", "estimators.service.store.vetting")
+_COMMAND: Final = command_of("estimators.service.store.vetting")
 
 
 @dataclass(frozen=True)

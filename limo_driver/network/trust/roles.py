@@ -74,7 +74,7 @@ ROLES: Final = {
         Role(
             "service",
             "publishes torque estimates and events, and answers queries about models",
-            publishes=("limo/*/torque/**",),
+            publishes=("limo/*/torque/**", "limo/*/contact"),
             keeps=("limo/*/event", "limo/*/status/service"),
             announces=("limo/*/alive/service/*",),
             answers=("limo/*/model/**", _SEEN),

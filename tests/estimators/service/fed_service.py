@@ -12,6 +12,7 @@ from estimators.service.inference.contact import ContactWatchdog
 from estimators.service.inference.live_model import LiveModel
 from estimators.stream import Stream
 from limo_driver.network.contact_state import ContactState
+from limo_driver.network.external_torque import ExternalTorque
 from limo_driver.network.messages import (
     Attachment,
     JointStateCodec,
@@ -39,6 +40,7 @@ class Kept:
         self.estimates: list[TorqueEstimate] = []
         self.attachments: list[Attachment] = []
         self.externals: list[np.ndarray] = []
+        self.known_of: list[ExternalTorque] = []
         self.contacts: list[ContactState] = []
         self.states: list[bytes] = []
         self.events: list[tuple[str, dict[str, Any]]] = []
@@ -48,10 +50,13 @@ class Kept:
         self.attachments.append(Attachment.decode(attachment))
         assert self.estimates[-1].stamp_ns == stamp_ns
 
-    external_wanted = True
+    external_wanted = known_wanted = True
 
     def external(self, payload: bytes, _attachment: bytes) -> None:
         self.externals.append(decode_joint_state(payload).torque)
+
+    def known(self, news: ExternalTorque, _attachment: bytes) -> None:
+        self.known_of.append(ExternalTorque.decode(news.encode()))
 
     def contact(self, state: ContactState) -> None:
         self.contacts.append(ContactState.decode(state.encode()))

@@ -31,8 +31,10 @@ from limo_driver.physics import Simulation
 answered = []
 outlet = SimpleNamespace(
     external_wanted=True,
+    known_wanted=True,
     estimate=lambda payload, *_: answered.append(payload),
     external=lambda *_: None,
+    known=lambda *_: None,
     contact=lambda *_: None,
     state=lambda *_: None,
     event=lambda *_, **__: None,

@@ -55,10 +55,13 @@ class Answers:
     def estimate(self, payload: bytes, attachment: bytes, _stamp_ns: int) -> None:
         self.estimates[Attachment.decode(attachment).sequence] = decode_torque_estimate(payload)
 
-    external_wanted = True
+    external_wanted = known_wanted = True
 
     def external(self, *_: object) -> None:
         """Is in the estimate."""
+
+    def known(self, *_: object) -> None:
+        """Is not looked at."""
 
     def contact(self, *_: object) -> None:
         """Is not looked at."""

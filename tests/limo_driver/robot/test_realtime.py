@@ -6,13 +6,23 @@ import ctypes
 import gc
 import os
 import signal
+import subprocess
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
 from limo_driver.errors import ConfigError
-from limo_driver.robot.realtime import PRIORITY, YOUNG_LIMIT, Pace, Realtime, sleeper
+from limo_driver.robot.realtime import (
+    PRIORITY,
+    YOUNG_LIMIT,
+    Pace,
+    Realtime,
+    RealtimeThreads,
+    sleeper,
+)
+from limo_driver.runtime.processes import command_of
 
 pytestmark = pytest.mark.waits
 
@@ -103,6 +113,29 @@ def test_what_was_asked_of_the_machine_is_given_back_or_said_to_be_refused() -> 
     assert os.sched_getscheduler(waiting.native_id) == os.sched_getscheduler(0) == policy
     done.set()
     assert slack(30, 0, 0, 0, 0) == before
+
+
+@pytest.mark.slow("starts processes")
+def test_threads_that_begin_late_are_in_real_time_and_processes_are_not(tmp_path: Path) -> None:
+    (tmp_path / "tells_policy.py").write_text(
+        "import os\ndef main(): print(os.sched_getscheduler(0))\n"
+    )
+    policies = list[int]()
+    with RealtimeThreads() as threads:
+        if threads.refused:
+            pytest.skip(threads.refused[0])
+        late = threading.Thread(target=lambda: policies.append(os.sched_getscheduler(0)))
+        late.start()
+        late.join()
+        told = subprocess.run(
+            command_of("tells_policy"),
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+    assert policies == [os.SCHED_FIFO]
+    assert int(told.stdout) == os.SCHED_OTHER
 
 
 def test_a_user_without_rights_is_told_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,6 +38,7 @@ _SEEN: Final = 2.0  # tolerances that a mistake has to make, to be noticed among
 _NONE: Final = 0.1  # of the tolerance, up to which a torque may be none at all
 _SIZE: Final = 1.1  # factor by which a gravity that is fitted may differ in size
 _LEAST_TURN: Final = 2.0  # [°]
+_HEAVIEST: Final = 1e3  # [kg], tool that anybody would look for
 
 
 @dataclass(frozen=True)
@@ -95,11 +96,12 @@ class GravityJudgement:
                 "description, mounting, tool or wiring explains all poses",
             )
         else:
+            shown = self.lightest < _HEAVIEST
+            tool = f"a tool of {self.lightest:.2g} kg more or less" if shown else "no tool at all"
             found.add(
                 "gravity",
                 f"torques in {len(self.poses)} pose{'s' * (len(self.poses) > 1)} are gravity "
-                f"within {share:.0%} of the limits; a tool of {self.lightest:.2g} kg more or less "
-                "would have shown",
+                f"within {share:.0%} of the limits; {tool} would have shown",
                 problem=False,
             )
 

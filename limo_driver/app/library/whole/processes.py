@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import multiprocessing
 import os
-import signal
 import socket
 import subprocess
-import sys
 import threading
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -27,7 +25,7 @@ from limo_driver.network.messages import (
 )
 from limo_driver.network.streaming import Keys, follow_history
 from limo_driver.robot.realtime import RealtimeThreads
-from limo_driver.runtime.processes import Closing, end_with_parent
+from limo_driver.runtime.processes import Closing, command_of, end_with_parent
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
@@ -42,7 +40,7 @@ if TYPE_CHECKING:
 
 ARM: Final = "iiwa14"
 RATE: Final = 250  # [Hz] of the stream
-_LIMO: Final = (sys.executable, "-P", "-c", "from limo_driver.app.cli import main; main()")
+_LIMO: Final = command_of("limo_driver.app.cli")
 _PATIENCE: Final = 1200.0  # [s] for what is waited for, where something is broken
 _LOOK: Final = 0.5  # [s] between two looks whether the processes live
 _ENDING: Final = 60.0  # [s] for a process to end in order
@@ -147,7 +145,7 @@ def moving(
             arm = subprocess.Popen(  # noqa: S603  # this interpreter, with our own options
                 [*_LIMO, *wire.other_end, *physics], stdout=subprocess.PIPE, stderr=errors
             )
-            open_.callback(_end, arm, signal.SIGTERM, record.with_suffix(".other_end.json"))
+            open_.callback(_end, arm, record.with_suffix(".other_end.json"))
             if arm.stdout is None or not arm.stdout.readline():
                 raise BackendError(f"{wire.other_end[0]} did not start: see {errors.name}")
         driver = subprocess.Popen(  # noqa: S603
@@ -155,7 +153,7 @@ def moving(
             stdout=subprocess.DEVNULL,
             stderr=errors,
         )
-        open_.callback(_end, driver, signal.SIGINT)
+        open_.callback(_end, driver)
         try:
             yield driver
         except LimoError as error:
@@ -174,8 +172,8 @@ def _why_ended(record: Path, wire: ProvenWire) -> str:
     return f"{why}; {wire.name} needs real time at both ends, and this computer has {load}"
 
 
-def _end(process: subprocess.Popen[bytes], by: signal.Signals, report: Path | None = None) -> None:
-    process.send_signal(by)
+def _end(process: subprocess.Popen[bytes], report: Path | None = None) -> None:
+    process.terminate()  # what a shell starts in the background ignores SIGINT, and so would this
     try:
         output, _ = process.communicate(timeout=_ENDING)
     except subprocess.TimeoutExpired:

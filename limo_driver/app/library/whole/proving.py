@@ -51,8 +51,9 @@ _SETTLED: Final = 0.4  # [s] at either end of a push, in which the filter mixes 
 _AFTER: Final = 4 * RATE  # estimates after a swap that are looked at
 _CONTACT: Final = 8.0  # [N m], which a load of this size is not
 _SCAFFOLDS: Final = 8, 60, 2  # poses of the motions to train on, to stream, and of the other one
-# Motion [s], the least that limo's own rules admit: that shows how large the residual usually is,
-_REFERENCE, _GATHERED, _SHADOW = 40.0, 30.0, 50.0  # to learn a challenger from, and to judge it on
+# Motion [s] that shows how large the residual usually is, to learn a challenger from (about four
+# poses: after one it is worse elsewhere, at joints of which that pose tells little), to judge it on
+_REFERENCE, _GATHERED, _SHADOW = 40.0, 90.0, 50.0
 _LOGGED: Final = 2 * RATE  # estimates by which a log may be behind
 _NANOSECONDS: Final = 1e9
 

@@ -25,6 +25,22 @@ def test_is_found_though_most_states_are_lost() -> None:
     assert found(1000.0, kept) == [pytest.approx(1000.0)]
 
 
+@pytest.mark.parametrize("where", [[50], [3], [97], [20, 50, 80]])
+def test_a_driver_that_stood_still_has_no_other_rate(where: list[int]) -> None:
+    steps = np.full(101, 4e6)
+    steps[where] += 34e6  # [ns]
+    finder = RateFinder()
+    *_, rate = [finder.take(k, int(stamp)) for k, stamp in enumerate(np.cumsum(steps))]
+    assert rate == pytest.approx(250.0)
+
+
+def test_stamps_in_pairs_are_no_stalls() -> None:
+    finder = RateFinder()
+    steps = np.tile([1e6, 7e6], 51)  # [ns], of 4 ms on average
+    rates = [finder.take(k, int(stamp)) for k, stamp in enumerate(np.cumsum(steps))]
+    assert next(filter(None, rates)) == pytest.approx(250.0, rel=0.04)
+
+
 def test_begins_anew_with_the_source() -> None:
     numbers = np.r_[500:560, 0:101]
     assert found(1000.0, numbers) == [pytest.approx(1000.0)]

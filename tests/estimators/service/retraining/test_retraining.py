@@ -57,7 +57,8 @@ def test_friction_that_changed_is_learned_and_the_residual_falls(
         run.feed(arm.states(worn_arm, 80.0))
         assert run.kinds[-1] == "probation_passed"
 
-    assert " ".join(run.kinds) == (
+    assert "changed" in run.kinds  # each joint whose friction did
+    assert " ".join(kind for kind in run.kinds if kind != "changed") == (
         "waiting preparing serving drift training trained shadow shadow swap promoted "
         "step probation_passed"
     )

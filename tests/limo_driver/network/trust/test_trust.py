@@ -86,6 +86,8 @@ class TestWhatArrives:
             ("driver", KEYS.joints, "viewer"),
             ("service", KEYS.estimate, "viewer"),
             ("service", KEYS.external, "driver"),
+            ("service", KEYS.known, "driver"),
+            ("service", KEYS.contact, "driver"),
             ("service", KEYS.event, "operator"),
             ("operator", "limo/arm/command/joints", "driver"),
             ("operator", "limo/arm/command/joints", "service"),

@@ -9,6 +9,7 @@ from limo_driver.app.library.first_motion.gravity import TOLERANCE, StillPose, j
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import GravityDirection, Payload, Simulation
+from limo_driver.robot.registry import Examination
 
 ARM = RobotModel.load("iiwa14")
 WITHIN = TOLERANCE * ARM.limits.torque
@@ -119,6 +120,15 @@ def test_what_no_pose_can_show_is_listed():
     assert "joints 2 and 4 exchanged" in found.unseen
     assert found.lightest > judged(POSES, ARM.gravity_torque(POSES)).lightest
     assert [each.split()[3] for each in found.unseen_mounting] == ["+y", "-y", "+z"]
+
+
+@pytest.mark.parametrize(
+    ("pose", "tool"), [(POSES, "kg more or less"), (0 * POSES, "no tool at all")]
+)
+def test_the_tool_that_would_have_shown_is_one_that_there_is(pose, tool):
+    said = Examination()
+    judged(pose, ARM.gravity_torque(pose)).judge(said, TOLERANCE)
+    assert tool in said.findings[-1].text
 
 
 def test_poses_that_bend_the_arm_aside_show_every_mounting():
