@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from estimators.studies.table1_claims import CLAIMS, NOTHING, cell, done, factor, judge
-from estimators.studies.table1_data import PARTS, RBD, ROWS, paper_table
+from estimators.studies.table1_data import ALL_ROWS, PARTS, RBD, paper_table
 from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
@@ -73,7 +73,7 @@ def _title(found: Table) -> str:
     """Say which row is best on motion that was not trained on, and how far the rigid body is."""
     errors = {
         row.name: float(figures.mean[-1])
-        for row in ROWS
+        for row in ALL_ROWS
         if (figures := found.figures(row, "test", SCAFFOLDS)).mean is not None
     }
     if len(errors) < 2:  # noqa: PLR2004  # to compare
@@ -103,17 +103,16 @@ def _known(found: Table) -> Iterator[str]:
 
 
 def _errors(found: Table, part: str) -> Chart:
-    names = [row.name for row in ROWS]
+    names = [row.name for row in ALL_ROWS]
     data: list[Chart] = []
     for split, colour, symbol in _STYLES:
-        figures = [found.figures(row, part, split) for row in ROWS]
+        figures = [found.figures(row, part, split) for row in ALL_ROWS]
         means = np.array([np.nan if f.mean is None else f.mean[-1] for f in figures])
         spreads = np.array([np.nan if f.spread is None else f.spread[-1] for f in figures])
         marks = _marks(means, names, SPLIT_WORDS[split], colour, symbol)
         data.append(marks | {"error_x": {"type": "data", "array": numbers(spreads)}})
     if found.beside_paper:
-        paper = np.array([paper_table()[part, name][-1] for name in names])
-        data.append(_marks(paper, names, "the paper", FLOOR, "diamond-open"))
+        data.append(_marks(_paper(part), names, "the paper", FLOOR, "diamond-open"))
     axes = layout("MSE [(N m)²], logarithmic", "")
     axes["xaxis"] |= {"type": "log"}
     axes["yaxis"] |= {"autorange": "reversed"}
@@ -125,6 +124,12 @@ def _errors(found: Table, part: str) -> Chart:
             {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "yref": "paper", "line": line}
         ]
     return {"data": data, "layout": axes, "rows": len(names)}
+
+
+def _paper(part: str) -> np.ndarray:
+    """Return the paper's averages; NaN for rows that it lacks."""
+    found = paper_table()
+    return np.array([found.get((part, row.name), (np.nan,))[-1] for row in ALL_ROWS])
 
 
 def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Chart:
@@ -170,8 +175,8 @@ def draw(table: Table, path: Path) -> None:
     panels: Any = figure.subplots(1, len(PARTS), sharex=True, sharey=True)
     for panel, part in zip(panels, PARTS, strict=True):
         _panel(panel, table, part)
-    panels[0].set_yticks(range(len(ROWS)), [row.name for row in ROWS])
-    panels[0].set_ylim(len(ROWS) - 0.5, -0.5)
+    panels[0].set_yticks(range(len(ALL_ROWS)), [row.name for row in ALL_ROWS])
+    panels[0].set_ylim(len(ALL_ROWS) - 0.5, -0.5)
     handles, labels = panels[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
     left = f"; {table.left} trials left" if table.left else ""
@@ -187,15 +192,14 @@ def draw(table: Table, path: Path) -> None:
 
 
 def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes
-    places = np.arange(len(ROWS))
+    places = np.arange(len(ALL_ROWS))
     if table.beside_paper:
-        paper = [paper_table()[part, row.name][-1] for row in ROWS]
-        panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
+        panel.plot(_paper(part), places, "D", color="0.45", fillstyle="none", label="the paper")
     rigid = table.figures(RBD, part).mean
     if rigid is not None:
         panel.axvline(rigid[-1], color="0.45", linestyle=":", label="the rigid body alone")
     for split, (label, colour, marker, offset) in _LINES.items():
-        figures = [table.figures(row, part, split) for row in ROWS]
+        figures = [table.figures(row, part, split) for row in ALL_ROWS]
         means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
         spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
         lower = np.minimum(spreads, 0.9 * np.nan_to_num(means))  # above 0, for a logarithmic axis

@@ -66,6 +66,11 @@ class Passes(ABC):
         self.inputs = torch.from_numpy(data.inputs).to(device)
         self.targets = torch.from_numpy(data.targets).to(device)
 
+    @property
+    def memory(self) -> list[Tensor]:
+        """What an epoch hands on to the next, besides weights and random state."""
+        return []
+
     @abstractmethod
     def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train for one pass; return training and held-out loss."""
@@ -227,6 +232,11 @@ class BlockPasses(SequencePasses):
     def given(self) -> Tensor:
         """Its output for each row in the epoch before, (T, n); written to as it goes."""
         return torch.zeros_like(self.targets)
+
+    @property
+    def memory(self) -> list[Tensor]:
+        """The outputs of the epoch before."""
+        return [self.given]
 
     def _predict(
         self,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -56,17 +57,18 @@ class NetworkOptions:
             of the simulation, or 10 unless another predicts motion held out much better.
         rate: Rate of the network's samples [Hz], to which faster recordings are thinned; 200, or 50
             with drive.
-        sequence_length: Samples that an LSTM is differentiated through, or a transformer looks back
-            over.
+        sequence_length: Samples that a network with memory is differentiated through, or a
+            transformer looks back over.
         batch: Rows (mlp7) or sequences (others) of a step.
         hidden: Hidden units of a network; 0: as the paper.
-        layers: LSTM layers of lstm-fcl, 1 or 2; of a transformer's coders.
+        layers: Layers of cells of lstm-fcl or gru, 1 or 2; of a transformer's coders.
         schedule: How the step shrinks: cosine, plateau (the paper's).
         learning_rate: Initial step of AdamW; 1e-3, or 3e-3 with drive.
         weight_decay: Weight decay of AdamW.
         held_out: Part of the motion, in blocks, that training does not see.
         folds: Stretches of motion, each predicted by a network that did not see it, that judge the
             gain of each joint; 1: none do, and the gain is 1.
+        patience: Epochs without a lower held-out loss after which training ends; 0: never.
         device: cpu, cuda, or auto: a GPU if there is one, but for an mlp7.
     """
 
@@ -84,6 +86,7 @@ class NetworkOptions:
     weight_decay: float = 0.01
     held_out: float = 0.2
     folds: int = 3
+    patience: int = 20
     device: str = "auto"
 
 
@@ -113,7 +116,8 @@ def command(
     the rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
     confirmed by motion not trained on. joint-physics is no network: it fits friction, hysteresis,
     elasticity and errors of the rigid body joint by joint in closed form, needs little motion, and
-    says how sure it is. The folder holds weights, manifest and simulation, and is all that
+    says how sure it is. A network whose training was killed goes on where it was when the same
+    command runs again. The folder holds weights, manifest and simulation, and is all that
     `limo evaluate` needs; report.html shows what was tried and how large errors are,
     and card.md says on what data, for which robot and within which limits.
 
@@ -126,7 +130,8 @@ def command(
         sim: The identified simulation, a sim.yaml.
         out: Model folder to write.
         model: auto, the best on motion held out; joint-physics; a network: mlp7, lstm-2, lstm-fcl,
-            transformer; or an estimator that another package registers.
+            gru, lru (a linear state space), transformer; or an estimator that another package
+            registers.
         sweep: Train with every setting of this space.yaml; OUT is a folder of all.
         test: With --sweep: recording on which each network is evaluated.
         as_json: Print the figures as JSON.
@@ -192,8 +197,9 @@ def command(
     if model == AUTO:
         trained = _train_best(simulation, measured, width, quiet=as_json)
     else:
-        trained = _train(simulation, measured, model, width, settings)
+        trained = _train(simulation, measured, model, width, settings, out / _UNFINISHED)
     trained.save(out)
+    rmtree(out / _UNFINISHED, ignore_errors=True)
     page, card = save_training(trained, measured, out)
     _show(trained, out, width, as_json=as_json)
     terminal(stderr=True, soft_wrap=True).print(f"wrote {out} with {page.name} and {card.name}")
@@ -237,6 +243,7 @@ def _train(
     model: str,
     bandwidth: float,
     settings: TrainingSettings | None,
+    unfinished: Path,
 ) -> ResidualModel[Any]:
     """Train a network behind a progress bar, or any other model."""
     from dataclasses import replace
@@ -261,7 +268,10 @@ def _train(
                 f"loss {epoch.training_loss:.4f}  held-out {epoch.held_out_loss:.4f}",
             )
 
-        return train(simulation, recordings, model, settings=settings, progress=on_epoch)
+        return train(
+            simulation, recordings, model, settings=settings, progress=on_epoch,
+            unfinished=unfinished,
+        )  # fmt: skip
 
 
 def _train_best(
@@ -332,4 +342,5 @@ _OF_EVERY_MODEL: Final = frozenset(
     ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
 )
 _OF_NETWORKS: Final = frozenset(item.name for item in fields(NetworkOptions)) - _OF_EVERY_MODEL
+_UNFINISHED: Final = "unfinished"  # folder of a network that is being trained, in that of the model
 _COMPARED: Final = 0.7  # of the work; the rest is training

@@ -47,11 +47,11 @@ def table1(
     r"""Compute Table I of Çallar and Böttger 2022 again, beside the paper's figures.
 
     Rigid body, perceptrons, LSTMs and Transformer, standalone and hybrid, with and without the
-    rotational history: errors on training, test and validation motion for each joint, mean and
-    spread over runs. The paper's random split of sub-sequences stands beside an honest one, which
-    tests on scaffolds that were never trained on.
+    rotational history, and a GRU and an LRU, which the paper lacks: errors on training, test and
+    validation motion for each joint, mean and spread over runs. The paper's random split of
+    sub-sequences stands beside an honest one, which tests on scaffolds that were never trained on.
 
-    Finished trials are kept: started again, the command goes on where it was stopped or killed.
+    Started again, the command goes on where it was stopped or killed, in the middle of a trial too.
 
     Args:
         data: Folder of excitation, limo and validation recordings and data.json; OUT/data if not
@@ -115,7 +115,8 @@ def _compute(
         write(table, out)
         return table
 
-    runner = TrialRunner(read, Simulation.load(simulation), device)
+    unfinished = out / "unfinished" if on == Machines.processes.value else None
+    runner = TrialRunner(read, Simulation.load(simulation), device, unfinished)
     trials = protocol.trials(read.digests)
     status = _run(runner, store, trials, (workers, on), update, notes)
     table = update()
@@ -201,7 +202,7 @@ def _print(table: Table, out: Path) -> None:
     from rich.table import Table as Grid
 
     from estimators.studies.table1_claims import cell, done
-    from estimators.studies.table1_data import PARTS, ROWS
+    from estimators.studies.table1_data import ALL_ROWS, PARTS
     from estimators.studies.table1_results import SPLIT_NAMES, SPLITS
 
     console = terminal()
@@ -212,7 +213,7 @@ def _print(table: Table, out: Path) -> None:
             title=f"Table I, joint average: {SPLIT_NAMES[split]}",
             title_justify="left",
         )  # fmt: skip
-        for row in ROWS:
+        for row in ALL_ROWS:
             figures = [table.figures(row, part, split) for part in PARTS]
             grid.add_row(row.name, done(figures[0]), *(cell(f, -1) for f in figures))
         console.print(grid)

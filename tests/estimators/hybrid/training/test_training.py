@@ -333,7 +333,7 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"model": "transformer", "heads": 3}, "hidden = 32 has to be a multiple of heads = 3"),
         ({"features": "every"}, "no feature set is called 'every'"),
         ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
-        ({"model": "gpt"}, "'gpt', expected one of mlp7, lstm-2, lstm-fcl, transformer"),
+        ({"model": "gpt"}, "'gpt', expected one of mlp7, lstm-2, lstm-fcl, gru, lru, transformer"),
         ({"schedule": "step"}, "'step', expected one of cosine, plateau"),
         ({"epochs": 0}, "epochs is 0"),
         ({"folds": 0}, "folds is 0"),
