@@ -1,14 +1,11 @@
-"""The table shown: a page with errors beside the paper's and its claims judged, and a picture."""
+"""The table shown: a page with errors beside the paper's, and its claims judged."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from textwrap import fill
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from estimators.studies.table1_claims import CLAIMS, NOTHING, cell, done, factor, judge
 from estimators.studies.table1_data import ALL_ROWS, PARTS, RBD, paper_table
@@ -20,14 +17,12 @@ from estimators.studies.table1_results import (
     SPLITS,
     Protocol,
     Table,
-    span,
 )
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
 from limo_driver.pages.markup import Figure as Chart
 from limo_driver.pages.markup import folded, grid, header, listed, section, table
 from limo_driver.quoting import in_html as escape
-from limo_driver.runtime.outputs import whole
 
 PAGE: Final = "report.html"
 _STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
@@ -59,6 +54,12 @@ def table_page(found: Table) -> Page:
                 if (of_split, of_part) == (split, part)
             ]
             body += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
+    topologies = [
+        [part, str(layers), str(width), done(figures), cell(figures, n)]
+        for part, layers, width, figures in found.topologies()
+    ]
+    heads = ("part", "layers", "width", "runs", "average")
+    body += folded("Topology of LSTM-FCL 500 with tau_rbd,r", table(heads, topologies))
     body = (
         header("Table I of Çallar and Böttger 2022", title, found.headline())
         + section("Notes", listed(_known(found)), "notes")
@@ -159,64 +160,3 @@ def _claims(found: Table) -> str:
         title = f"{claim.title}: beyond the spread in {surely} of {len(compared)} comparisons"
         body += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))
     return body
-
-
-PICTURE: Final = "table1.png"
-_WIDTH: Final = 140  # characters of a line
-_LINES: Final = {  # split → label, colour, marker, offset from the middle of a row
-    SEQUENCES: ("ours, random sub-sequences", "#1f77b4", "o", -0.17),
-    SCAFFOLDS: ("ours, split by scaffold", "#d95f02", "s", 0.17),
-}
-
-
-def draw(table: Table, path: Path) -> None:
-    """Draw a panel for each part of the motion; rows from top to bottom, errors on one log axis."""
-    figure = Figure(figsize=(13, 6.5), layout="constrained")
-    panels: Any = figure.subplots(1, len(PARTS), sharex=True, sharey=True)
-    for panel, part in zip(panels, PARTS, strict=True):
-        _panel(panel, table, part)
-    panels[0].set_yticks(range(len(ALL_ROWS)), [row.name for row in ALL_ROWS])
-    panels[0].set_ylim(len(ALL_ROWS) - 0.5, -0.5)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
-    left = f"; {table.left} trials left" if table.left else ""
-    data = table.data
-    title = (
-        f"Table I of Çallar and Böttger 2022 on {data.robot}, {span(data.limo.duration)} to train "
-        f"and test on, made by {data.made_by}"
-    )
-    whiskers = "; whiskers: standard deviation over runs" if table.protocol.runs > 1 else ""
-    figure.suptitle(f"{fill(title, _WIDTH)}\n{table.protocol}{left}{whiskers}", fontsize="medium")
-    with whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:], dpi=150)
-
-
-def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes
-    places = np.arange(len(ALL_ROWS))
-    if table.beside_paper:
-        panel.plot(_paper(part), places, "D", color="0.45", fillstyle="none", label="the paper")
-    rigid = table.figures(RBD, part).mean
-    if rigid is not None:
-        panel.axvline(rigid[-1], color="0.45", linestyle=":", label="the rigid body alone")
-    for split, (label, colour, marker, offset) in _LINES.items():
-        figures = [table.figures(row, part, split) for row in ALL_ROWS]
-        means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
-        spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
-        lower = np.minimum(spreads, 0.9 * np.nan_to_num(means))  # above 0, for a logarithmic axis
-        panel.errorbar(
-            means,
-            places + offset,
-            xerr=[lower, spreads],
-            fmt=marker,
-            color=colour,
-            markersize=5,
-            capsize=2,
-            label=label,
-        )
-    panel.set_xscale("log")
-    panel.set_title(part)
-    panel.set_xlabel("joint-averaged MSE [(N m)²]")
-    panel.grid(axis="x", which="major", color="0.85")
-    panel.set_axisbelow(True)
-    for place in places[:-1]:
-        panel.axhline(place + 0.5, color="0.93", linewidth=0.8)
