@@ -109,15 +109,15 @@ def _left_out(carried: CarryOver) -> dict[str, Any]:
 
 
 def device_for(settings: TrainingSettings) -> torch.device:
-    """Return where to train a network; `auto` leaves one without memory to the CPU.
+    """Return where to train a network; one without memory is always trained on the CPU.
 
     Its steps are so small that a GPU mostly waits for the next: an H100 took 12 times as long.
 
     Raises:
         ConfigError: The device is not there.
     """
-    alone = settings.device == "auto" and not NETWORKS[settings.model].recurrent
-    return find_device("cpu" if alone else settings.device)
+    found = find_device(settings.device)
+    return found if NETWORKS[settings.model].recurrent else find_device("cpu")
 
 
 def find_device(name: str) -> torch.device:
@@ -177,17 +177,11 @@ def _build(settings: TrainingSettings, features: Features) -> Module:
 
 
 def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
-    from estimators.hybrid.training.passes import (
-        BlockPasses,
-        CompiledRowPasses,
-        RowPasses,
-        SequencePasses,
-    )
+    from estimators.hybrid.training.passes import BlockPasses, RowPasses, SequencePasses
 
     random = np.random.default_rng(settings.seed)
     if not NETWORKS[settings.model].recurrent:
-        rows = CompiledRowPasses if device.type == "cpu" else RowPasses
-        return rows(data, settings.batch, random, device)
+        return RowPasses(data, settings.batch, random, device)
     passes = BlockPasses if settings.model == "transformer" else SequencePasses
     return passes(data, settings.batch, random, device, settings.sequence_length, settings.carried)
 

@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
 LARGEST_GRADIENT: Final = 1.0  # norm
-_EVALUATED_ROWS: Final = 16384
 _WEIGHTS: Final = ("hidden_weight", "hidden_bias", "output_weight", "output_bias")
 _MOMENTS: Final = ("exp_avg", "exp_avg_sq")
 
@@ -81,40 +80,6 @@ class Passes(ABC):
 
     def _on_device(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self.device)
-
-
-class RowPasses(Passes):
-    """For networks without memory; `CompiledRowPasses` does the same on a CPU, and sooner."""
-
-    def __init__(
-        self, data: TrainingData, batch: int, random: np.random.Generator, device: torch.device
-    ) -> None:
-        super().__init__(data, batch, random, device)
-        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
-
-    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
-        """Train on shuffled rows, then evaluate the held-out ones."""
-        training, held_out = _Mean(), _Mean()
-        for x, y in self._batches(self.shuffled(), self.batch):
-            loss = torch.nn.functional.mse_loss(module(x), y)
-            _descend(loss, module, optimizer)
-            training.add(loss, len(x))
-        with torch.no_grad():
-            for x, y in self._batches(self.held_out, _EVALUATED_ROWS):
-                held_out.add(torch.nn.functional.mse_loss(module(x), y), len(x))
-        return training.value, held_out.value
-
-    def shuffled(self) -> NDArray[np.int64]:
-        """Draw the rows of an epoch, in order."""
-        rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
-        return self.random.permutation(rows)
-
-    def _batches(self, rows: NDArray[np.int64], size: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Give inputs and targets of rows, gathered at once: cheaper than batch by batch."""
-        order = self._on_device(rows)
-        x, y = self.inputs.index_select(0, order), self.targets.index_select(0, order)
-        if len(rows):
-            yield from zip(x.split(size), y.split(size), strict=True)
 
 
 class SequencePasses(Passes):
@@ -266,7 +231,7 @@ def _descend(loss: Tensor, module: Module, optimizer: torch.optim.Optimizer) -> 
     optimizer.step()
 
 
-class CompiledRowPasses(RowPasses):
+class RowPasses(Passes):
     """For perceptrons on a CPU; leaves module and optimizer as PyTorch's own steps would."""
 
     def __init__(
@@ -274,10 +239,12 @@ class CompiledRowPasses(RowPasses):
     ) -> None:
         super().__init__(data, batch, random, device)
         self.pools = ThreadpoolController()
+        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
 
     def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         data = self.data
+        rows = np.flatnonzero(data.use == TRAINING)[self._phase() :: data.stride]
         parameters = [module.get_parameter(name) for name in _WEIGHTS]
         states = [_state(optimizer, parameter) for parameter in parameters]
         weights = tuple(_flat(parameter) for parameter in parameters)
@@ -300,7 +267,7 @@ class CompiledRowPasses(RowPasses):
             return loss
 
         with self.pools.limit(limits=1, user_api="blas"):  # such products are not worth sharing out
-            training = self._mean(self.shuffled(), train)
+            training = self._mean(self.random.permutation(rows), train)
             return training, self._mean(self.held_out, lambda rows: mean_square(*fixed, rows))
 
     def _mean(self, rows: NDArray[np.int64], loss: Callable[[NDArray[np.int64]], float]) -> float:

@@ -63,8 +63,8 @@ class TrainingSettings(Declared):
         keep: Weights that are the best on held-out motion, or the last ones (the paper's).
         patience: Epochs without a lower held-out loss after which training ends; 0: never, as in
             the paper.
-        device: cpu, cuda, or auto: a GPU where PyTorch sees one, but for an mlp7, which a CPU
-            trains sooner.
+        device: cpu, cuda, or auto: a GPU where PyTorch sees one; an mlp7 is trained on the CPU,
+            which is sooner.
 
     Raises:
         ConfigError: A setting names nothing known or cannot be; the message says which.

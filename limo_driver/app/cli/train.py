@@ -69,7 +69,7 @@ class NetworkOptions:
         folds: Stretches of motion, each predicted by a network that did not see it, that judge the
             gain of each joint; 1: none do, and the gain is 1.
         patience: Epochs without a lower held-out loss after which training ends; 0: never.
-        device: cpu, cuda, or auto: a GPU if there is one, but for an mlp7.
+        device: cpu, cuda, or auto: a GPU if there is one; an mlp7 is trained on the CPU.
     """
 
     features: str = "all-joints"

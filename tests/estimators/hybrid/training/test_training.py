@@ -271,7 +271,7 @@ def test_a_gpu_that_is_not_there_is_refused(
 
 @pytest.mark.parametrize(
     ("model", "device", "type_"),
-    [("mlp7", "auto", "cpu"), ("mlp7", "cuda", "cuda"), ("lstm-fcl", "auto", "cuda")],
+    [("mlp7", "auto", "cpu"), ("mlp7", "cuda", "cpu"), ("lstm-fcl", "auto", "cuda")],
 )
 def test_a_gpu_trains_what_it_trains_sooner_or_what_it_is_told_to(
     model: str, device: str, type_: str, monkeypatch: pytest.MonkeyPatch
