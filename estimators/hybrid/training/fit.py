@@ -210,6 +210,7 @@ class _Training:
         self.plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
             self.optimizer, factor=0.5, patience=_PATIENCE
         )
+        self.parts = {"module": module, "optimizer": self.optimizer, "plateau": self.plateau}
         self.history: list[Epoch] = []
         self.best, self.best_epoch, self.weights = np.inf, 0, copy.deepcopy(module.state_dict())
 
@@ -265,10 +266,8 @@ class _Training:
         if self.kept is None:
             return
         values = {
+            **{name: part.state_dict() for name, part in self.parts.items()},
             "identity": self._identity,
-            "module": self.module.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
-            "plateau": self.plateau.state_dict(),
             "random": json.dumps(self.passes.random.bit_generator.state),
             "given": self.passes.memory,
             "history": [asdict(epoch) for epoch in self.history],
@@ -289,9 +288,8 @@ class _Training:
             values = torch.load(self.kept, map_location=self.passes.device, weights_only=True)
             if values["identity"] != self._identity:
                 return
-            self.module.load_state_dict(values["module"])
-            self.optimizer.load_state_dict(values["optimizer"])
-            self.plateau.load_state_dict(values["plateau"])
+            for name, part in self.parts.items():
+                part.load_state_dict(values[name])
             self.passes.random.bit_generator.state = json.loads(values["random"])
             for own, known in zip(self.passes.memory, values["given"], strict=True):
                 own.copy_(known)
