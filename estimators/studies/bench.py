@@ -290,7 +290,7 @@ def _ours(robot: str, learned: Sequence[Recording]) -> Iterator[_Ours]:
     physics = JointPhysics(simulation, width).fit(learned)
     yield "limo train --model joint-physics", f"{width:g} Hz", physics.predict
     for kind in _NETWORKS:
-        settings = replace(usual_settings("drive"), model=kind)
+        settings = usual_settings("drive", kind)
         slow, _ = fitting_bandwidth(model, learned, None, settings.rate)
         network = HybridModel(simulation, replace(settings, bandwidth=slow)).fit(learned)
         who = f"limo train --model {kind} --features drive"

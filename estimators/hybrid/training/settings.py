@@ -139,13 +139,13 @@ class TrainingSettings(Declared):
         return features
 
 
-def usual_settings(features: str) -> TrainingSettings:
+def usual_settings(features: str, model: str = "mlp7") -> TrainingSettings:
     """Return the settings that suit a feature set: the defaults but for what follows.
 
     The few inputs of `drive` are learned within fewer passes and samples; more of either only teach
     the recordings by heart.
     """
-    settings = TrainingSettings(features=features)
+    settings = TrainingSettings(model=model, features=features)
     if features == "drive":
         return replace(settings, epochs=20, rate=50.0, learning_rate=3e-3)
     return settings

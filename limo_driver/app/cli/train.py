@@ -186,7 +186,7 @@ def command(
     settings, most = None, float("inf")
     if model in NETWORKS:
         chosen = {name: value for name, value in vars(network).items() if value is not None}
-        settings = replace(usual_settings(network.features), model=model, **chosen)
+        settings = replace(usual_settings(network.features, model), **chosen)
         most = settings.rate or most
     else:
         refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
