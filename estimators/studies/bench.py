@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import tempfile
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
@@ -37,7 +37,7 @@ from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 
     from limo_driver.types import FloatArray
 
@@ -46,7 +46,7 @@ SPEEDS: Final = ("high", "middle", "slow")
 KR300: Final = ("inverse_identification_without_raw_data.mat", "kr300.urdf")
 BAXTER: Final = "baxter.urdf"
 _GEARS: Final = (212.76, 203.52, 192.75, 156.0, 156.0, 102.17)  # of the KR300, by its authors
-_NETWORKS: Final = ("mlp7", "gru", "lru") if find_spec("torch") else ()
+_NETWORKS: Final = ("mlp7", "lru", "gru") if find_spec("torch") else ()
 _STEPS: Final = 0.1, 0.01  # [s], of KR300 and Baxter
 _PEERS: Final = ("CV", "Stribeck", "SVM", "Light_Transformer", "PINN", "NNFM")  # in their files
 _EDGE, _THINNED = 50, 10  # rows, as in the authors' script
@@ -78,30 +78,36 @@ def bench(folder: Path, tell: Callable[[str], None] = lambda _: None) -> tuple[B
 
     Args:
         folder: With the authors' files, under their names, in it or in folders below.
-        tell: Told what is computed next.
+        tell: Told what is computed next, and each figure as it comes.
 
     Raises:
         RecordingError: No benchmark's files are there, or one is not as its authors made it.
     """
     files = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
     rows: list[BenchRow] = []
+
+    def keep(found: Iterable[BenchRow]) -> None:
+        for row in found:
+            tell(f"{row.benchmark}, {row.who}: {row.figure:.4g}")
+            rows.append(row)
+
     if all(name in files for name in EMPS):
-        tell("EMPS")
-        rows += _emps(*(files[name] for name in EMPS))
+        tell("computing EMPS")
+        keep(_emps(*(files[name] for name in EMPS)))
     for case in range(1, 5):
         names = [f"case{case}_{speed}.csv" for speed in SPEEDS]
         if all(name in files for name in names):
-            tell(f"NNFM, case {case}")
-            rows += _friction(case, [files[name] for name in names])
+            tell(f"computing NNFM, case {case}")
+            keep(_friction(case, [files[name] for name in names]))
     if all(name in files for name in KR300):
-        tell("KR300")
+        tell("computing KR300")
         data = industrial(files[KR300[0]])
-        rows += _arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data)
+        keep(_arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data))
     trips = [sorted(folder.rglob(f"{part}/*_ang_vel_torq.csv")) for part in ("Training", "Test")]
     if BAXTER in files and all(trips):
-        tell("Baxter")
+        tell("computing Baxter")
         data = [[trip(path) for path in paths] for paths in trips]
-        rows += _arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data)
+        keep(_arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data))
     if not rows:
         raise RecordingError(
             f"has the files of no benchmark, expected {' and '.join(EMPS)}, or case1_high.csv, "
@@ -291,7 +297,6 @@ def _ours(robot: str, learned: Sequence[Recording]) -> Iterator[_Ours]:
     yield "limo train --model joint-physics", f"{width:g} Hz", physics.predict
     for kind in _NETWORKS:
         settings = usual_settings("drive", kind)
-        slow, _ = fitting_bandwidth(model, learned, None, settings.rate)
-        network = HybridModel(simulation, replace(settings, bandwidth=slow)).fit(learned)
+        network = HybridModel(simulation, settings.following(width)).fit(learned)
         who = f"limo train --model {kind} --features drive"
-        yield who, f"{slow:g} Hz, {settings.epochs} epochs", network.predict
+        yield who, f"{width:g} Hz", network.predict

@@ -116,6 +116,11 @@ class TrainingSettings(Declared):
             raise ConfigError(f"hidden = {width} has to be a multiple of heads = {self.heads}")
         self.features_for(1)
 
+    def following(self, bandwidth: float) -> TrainingSettings:
+        """Return the settings for a bandwidth [Hz], with samples that are fast enough for it."""
+        rate = self.rate and max(self.rate, bandwidth)
+        return replace(self, bandwidth=bandwidth, rate=rate)
+
     def features_for(self, n: int) -> Features:
         """Return the inputs of the network of an arm with n joints.
 
@@ -143,12 +148,13 @@ def usual_settings(features: str, model: str = "mlp7") -> TrainingSettings:
     """Return the settings that suit a feature set: the defaults but for what follows.
 
     The few inputs of `drive` are learned within fewer passes and samples; more of either only teach
-    the recordings by heart.
+    a network without memory the recordings by heart. One with memory takes few steps in a pass.
     """
     settings = TrainingSettings(model=model, features=features)
-    if features == "drive":
-        return replace(settings, epochs=20, rate=50.0, learning_rate=3e-3)
-    return settings
+    if features != "drive":
+        return settings
+    epochs = settings.epochs if NETWORKS[model].recurrent else 20
+    return replace(settings, epochs=epochs, rate=50.0, learning_rate=3e-3)
 
 
 def paper_settings(

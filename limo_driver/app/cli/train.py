@@ -51,12 +51,12 @@ class NetworkOptions:
     Args:
         features: Inputs: all-joints (the paper's), own-joint (a network for each joint sees that
             joint only), drive (of that joint, what friction and elasticity of a drive depend on).
-        epochs: Passes over the recordings; 100, or 20 with drive.
+        epochs: Passes over the recordings; 100, or 20 of an mlp7 with drive.
         seed: Seed; the same gives the same weights.
         bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, that
             of the simulation, or 10 unless another predicts motion held out much better.
         rate: Rate of the network's samples [Hz], to which faster recordings are thinned; 200, or 50
-            with drive.
+            with drive, or the bandwidth where that is more.
         sequence_length: Samples that a network with memory is differentiated through, or a
             transformer looks back over.
         batch: Rows (mlp7) or sequences (others) of a step.
@@ -187,7 +187,7 @@ def command(
     if model in NETWORKS:
         chosen = {name: value for name, value in vars(network).items() if value is not None}
         settings = replace(usual_settings(network.features, model), **chosen)
-        most = settings.rate or most
+        most = most if network.rate is None else settings.rate or most
     else:
         refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
     simulation, measured = _load(recordings, sim, out, mapping)
@@ -246,15 +246,13 @@ def _train(
     unfinished: Path,
 ) -> ResidualModel[Any]:
     """Train a network behind a progress bar, or any other model."""
-    from dataclasses import replace
-
     from rich.progress import BarColumn, TimeRemainingColumn
 
     from limo_driver.app.library.learning import train
 
     if settings is None:
         return train(simulation, recordings, model, bandwidth=bandwidth)
-    settings = replace(settings, bandwidth=bandwidth)
+    settings = settings.following(bandwidth)
     epochs, trainings = settings.epochs, settings.folds + 1 if settings.folds > 1 else 1
     with progress("{task.description}", BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("computing inputs", total=trainings * epochs)

@@ -252,7 +252,7 @@ def bench(folder: Path, *, as_json: bool = False) -> None:
     if not folder.is_dir():
         raise ConfigError("no such folder", path=folder)
     notes = terminal(stderr=True, soft_wrap=True)
-    rows = computed(folder, lambda what: notes.print(f"computing {what}"))
+    rows = computed(folder, notes.print)
     if as_json:
         terminal().print_json(data=[asdict(row) for row in rows])
         return
