@@ -7,8 +7,9 @@ joint-averaged MSE; Spearman's correlation with the paper's ranks is that of eac
 over folders, of rows that all of them have finished: all that the paper has, and its hybrids alone.
 The interval holds 95 % of bootstrap draws of folders, of each row's runs, and of rows. With one run
 of each row and one folder, only the draw of rows is left, which says nothing of other recordings.
-Below stand the paper's claims, each comparison once: the factor between the two rows' MSE, the
-geometric mean over runs and folders, and its interval over folders where there are several.
+Below stand the paper's claims: in how many comparisons of two rows the geometric mean of the factor
+between their MSE, over runs and folders, is as it says; with `--each` all of them, with the
+interval over folders where there are several.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ def main() -> None:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folders", type=Path, nargs="+")
-    folders: list[Path] = parser.parse_args().folders
+    parser.add_argument("--each", action="store_true", help="each comparison of the claims")
+    given = parser.parse_args()
+    folders: list[Path] = given.folders
     found = [json.loads((folder / JSON).read_text(encoding="utf-8")) for folder in folders]
     print(f"{len(found)} folders: {', '.join(folder.name for folder in folders)}")
     print("Spearman's correlation with the paper's order, 95 % interval")
@@ -51,7 +54,7 @@ def main() -> None:
             hybrids = [name for name in done if name in HYBRIDS]
             cells = [f"{len(own):4d}  {order(tables, own, part):24}" for own in (done, hybrids)]
             print(f"{word:12} {part:10} {' '.join(cells)}")
-    claims(found)
+    claims(found, each=given.each)
 
 
 def runs_of(table: dict[str, Any], split: str, part: str) -> Runs:
@@ -91,21 +94,25 @@ def spearman(ours: NDArray[np.float64], paper: NDArray[np.float64]) -> float:
     return float(np.corrcoef(rankdata(ours), rankdata(paper))[0, 1])
 
 
-def claims(found: list[dict[str, Any]]) -> None:
-    """Print each comparison of the paper's claims, over all folders."""
-    print("\nfactor above 1: the second row is better, as the paper says")
-    last = ""
+def claims(found: list[dict[str, Any]], *, each: bool) -> None:
+    """Print in how many comparisons each claim is as the paper says, and each of them if asked."""
+    print("\nclaims of the paper: comparisons as it says, of all; factor above 1: as it says")
+    by_claim: dict[str, list[tuple[str, NDArray[np.float64]]]] = {}
     for same in zip(*(one["claims"] for one in found), strict=True):
         first = same[0]
         logs = np.log([one["factor"] for one in same if one["factor"] is not None])
-        if not logs.size:
-            continue
-        if first["claim"] != last:
-            print(last := first["claim"])
-        pair = f"{first['worse']} / {first['better']}"
-        where = f"{first['part']}, {SPLIT_WORDS[first['split']]}"
-        paper = f"{first['paper']:.2f}" if first["paper"] else "-"
-        print(f"  {where:24} {pair:58} {interval(logs):26} paper's {paper}")
+        if logs.size:
+            where = f"{first['part']}, {SPLIT_WORDS[first['split']]}"
+            paper = f"{first['paper']:.2f}" if first["paper"] else "-"
+            pair = f"{where:24} {first['worse']} / {first['better']}, paper's {paper}"
+            by_claim.setdefault(first["claim"], []).append((pair, logs))
+    for claim, compared in by_claim.items():
+        middles = [float(logs.mean()) for _, logs in compared]
+        hold = sum(middle > 0 for middle in middles)
+        over_all = np.exp(np.median(middles))
+        print(f"{claim}: {hold} of {len(compared)}, median factor {over_all:.2f}")
+        for pair, logs in compared if each else ():
+            print(f"  {interval(logs):34} {pair}")
 
 
 def interval(logs: NDArray[np.float64]) -> str:

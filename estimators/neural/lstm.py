@@ -105,7 +105,9 @@ class LstmFcl(Lstm):
     def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples."""
         h, after = self._hidden(memory, x)
-        return _linear(h, self.weights["output_weight"], self.weights["output_bias"]), after
+        W, bias = self.weights["output_weight"], self.weights["output_bias"]
+        of_parts = h.reshape(len(h), *W.shape[:2]).swapaxes(0, 1)  # (G, T, H)
+        return (of_parts @ W + bias[:, None]).swapaxes(0, 1).reshape(len(h), -1), after
 
 
 class Gru(LstmFcl):
@@ -258,18 +260,3 @@ def _advance_gru(
         reset, kept = 1.0 / (1.0 + np.exp(-gates[u])), 1.0 / (1.0 + np.exp(-gates[U + u]))
         candidate = np.tanh(gates[2 * U + u] + reset * gates[3 * U + u])
         h[u] = candidate + kept * (h[u] - candidate)
-
-
-@compiled(nogil=True)
-def _linear(h: FloatArray, weight: FloatArray, bias: FloatArray) -> FloatArray:
-    """Map (T, G H) to (T, G m) by the weights (G, H, m) and biases (G, m) of each part."""
-    G, H, m = weight.shape
-    y = np.empty((h.shape[0], G * m))
-    for t in range(h.shape[0]):
-        for g in range(G):
-            for i in range(m):
-                total = bias[g, i]
-                for u in range(H):
-                    total += h[t, g * H + u] * weight[g, u, i]
-                y[t, g * m + i] = total
-    return y

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -27,7 +25,7 @@ if TYPE_CHECKING:
     from estimators.studies.table1_results import Figures, Table
 
 _CONFIDENCE: Final = 0.95
-JSON, CSV = "table1.json", "table1.csv"
+JSON: Final = "table1.json"
 NOTHING: Final = "-"  # stands where no trial is finished
 
 
@@ -169,21 +167,8 @@ def _judgement(table: Table, worse: Row, better: Row, part: str, split: str) -> 
 
 
 def write(table: Table, folder: Path) -> None:
-    """Write both files, each whole or not at all."""
+    """Write the figures as JSON, whole or not at all."""
     write_whole(folder / JSON, json.dumps(_values(table), indent=1, allow_nan=False))
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [*(f"joint_{j + 1}" for j in range(table.data.model.n)), "joint_average"]
-    writer.writerow(
-        ["split", "part", "architecture", "runs", "left"]
-        + [f"{name}{suffix}" for suffix in ("", "_spread", "_paper") for name in names]
-    )
-    for split, part, row, figures in table.entries():
-        values: list[str] = []
-        for which in (figures.mean, figures.spread, figures.paper):
-            values += [""] * len(names) if which is None else map(repr, which.tolist())
-        writer.writerow([split, part, row.name, len(figures.numbers), figures.left, *values])
-    write_whole(folder / CSV, text.getvalue().rstrip("\n"))
 
 
 def number(value: float) -> str:

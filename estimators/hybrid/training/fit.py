@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -83,6 +83,7 @@ def fit_prepared(
     with _reproducible(settings.seed, device):
         network, history = fit(data)
         carried = carry_over(data, settings.folds, lambda rest, fold: fit(rest, fold)[0])
+    left_out = {"hybrid": carried.rmse.tolist()}
     return FittedNetwork(
         features,
         network,
@@ -95,17 +96,10 @@ def fit_prepared(
             "settings": asdict(settings),
             "device": str(device),
             "epochs": [asdict(epoch) for epoch in history],
-            **_left_out(carried),
+            **({} if np.isnan(carried.rmse).any() else {"rmse": {"left_out": left_out}}),
         },
         standalone=settings.standalone,
     )
-
-
-def _left_out(carried: CarryOver) -> dict[str, Any]:
-    """Return the entry for errors on stretches left out, if there were any."""
-    if np.isnan(carried.rmse).any():
-        return {}
-    return {"rmse": {"left_out": {"hybrid": carried.rmse.tolist()}}}
 
 
 def device_for(settings: TrainingSettings) -> torch.device:

@@ -29,23 +29,13 @@ _WEIGHTS: Final = ("hidden_weight", "hidden_bias", "output_weight", "output_bias
 _MOMENTS: Final = ("exp_avg", "exp_avg_sq")
 
 
-class _Mean:
-    """Mean of squared errors, gathered batch by batch without waiting for the device."""
-
-    def __init__(self) -> None:
-        self.means: list[Tensor] = []
-        self.counts: list[int] = []
-
-    def add(self, mean: Tensor, count: int) -> None:
-        if count:
-            self.means.append(mean.detach())
-            self.counts.append(count)
-
-    @property
-    def value(self) -> float:
-        if not self.means:
-            return 0.0
-        return float(np.average(torch.stack(self.means).cpu().numpy(), weights=self.counts))
+def _mean(found: list[tuple[Tensor, int]]) -> float:
+    """Return the mean of means by their counts, for which the device is waited for once."""
+    known = [(mean, count) for mean, count in found if count]
+    if not known:
+        return 0.0
+    means, counts = zip(*known, strict=True)
+    return float(np.average(torch.stack(means).cpu().numpy(), weights=counts))
 
 
 class Passes(ABC):
@@ -129,17 +119,18 @@ class SequencePasses(Passes):
         starts = self.random.permutation(self._starts())
         rows = starts[:, None] + self.data.stride * np.arange(self.chunk)
         trained = (self.data.use[rows] == TRAINING).any(axis=1)
-        training, held_out = _Mean(), _Mean()
+        training: list[tuple[Tensor, int]] = []
+        held_out: list[tuple[Tensor, int]] = []
         for squares, use in self._scan(module, rows[trained]):
             loss, count = _mean_at(squares, use == TRAINING)
             if count:
                 _descend(loss, module, optimizer)
-                training.add(loss, count)
-            held_out.add(*_mean_at(squares.detach(), use == HELD_OUT))
+                training.append((loss.detach(), count))
+            held_out.append(_mean_at(squares.detach(), use == HELD_OUT))
         with torch.no_grad():
             for squares, use in self._scan(module, rows[~trained]):
-                held_out.add(*_mean_at(squares, use == HELD_OUT))
-        return training.value, held_out.value
+                held_out.append(_mean_at(squares, use == HELD_OUT))
+        return _mean(training), _mean(held_out)
 
     def _scan(
         self, module: Module, rows: NDArray[np.int64]
