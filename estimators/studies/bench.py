@@ -21,6 +21,7 @@ import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
@@ -232,8 +233,8 @@ def _arm(
         return terms(one) @ weights
 
     measured = np.concatenate([one.torque for one in tests])
-    all_of_them = ("linear in the motion", "run here", linear), *_ours(robot, learned)
-    for who, source, predict in all_of_them:
+    peer = ("linear in the motion", "run here", linear)
+    for who, source, predict in chain([peer], _ours(robot, learned)):
         left = measured - np.concatenate([predict(one) for one in tests])
         each = np.sqrt(np.mean(left**2, axis=0)) / measured.std(axis=0)
         figure = np.mean(np.abs(left)) if measure.startswith("MAE") else each.mean()
