@@ -11,6 +11,7 @@ from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, curve, joint_errors, layout
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
+from limo_driver.quoting import in_markdown
 from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
@@ -110,9 +111,10 @@ def model_card(model: ResidualModel[Any], recordings: Sequence[Recording]) -> st
     """
     robot, record = model.simulation.model, model.fitted.record
     errors = held_out_errors(record)
-    data = [" | ".join(map(str, row)) for row in zip(*_data(recordings).values(), strict=True)]
+    cells = zip(*_data(recordings).values(), strict=True)
+    data = [" | ".join(in_markdown(str(value)) for value in row) for row in cells]
     rows = [
-        f"| {name} | {before:.3g} | {after:.3g} |"
+        f"| {in_markdown(name)} | {before:.3g} | {after:.3g} |"
         for name, before, after in zip(robot.joint_names, *errors, strict=True)
     ] if errors else []  # fmt: skip
     unit = unit_of("N m", robot.sliding)

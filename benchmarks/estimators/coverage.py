@@ -7,14 +7,13 @@ errors follow those half a second before and earlier (`estimators/evaluation_res
 both are, and how much of the rows outside of the interval, and of those within, is flagged as
 unlike what was learned.
 
-    python benchmarks/estimators/coverage.py [--model auto | joint-physics | mlp7] [CASE ...]
+    python benchmarks/estimators/coverage.py [--model auto | joint-physics | gru | ...] [CASE ...]
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +24,7 @@ import numpy as np
 import limo_driver as limo
 from estimators.base import DEVIATIONS
 from estimators.hybrid.training.settings import usual_settings
+from estimators.neural import NETWORKS
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ LONGEST = 1.3  # times the model's own interval
 
 def trained(name: str, simulation: Simulation, recordings: list[Recording]) -> Any:  # noqa: ANN401
     """Train a model by its name, with usual settings."""
-    settings = replace(usual_settings("drive"), model=name) if name == "mlp7" else None
+    settings = usual_settings("drive", name) if name in NETWORKS else None
     return limo.train(simulation, recordings, name, settings=settings)
 
 
@@ -112,7 +112,7 @@ def main() -> None:
     """Print coverage by joint, and in how many joints of all it is as it should be."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("cases", nargs="*", help="beginnings of their names; all if none is given")
-    parser.add_argument("--model", default="auto", choices=["auto", "joint-physics", "mlp7"])
+    parser.add_argument("--model", default="auto", choices=["auto", "joint-physics", *NETWORKS])
     given = parser.parse_args()
     if not DATA.is_dir():
         parser.error(f"no recordings in {DATA}; name their folder in LIMO_DATA")

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.hybrid import HybridModel
-from estimators.neural.lstm import Lstm, LstmFcl, cell_name
+from estimators.neural.lru import Lru
+from estimators.neural.lstm import Gru, Lstm, LstmFcl, cell_name
 from estimators.neural.mlp import Mlp
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.plugins import require_package
@@ -30,7 +31,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _OPSET: Final = 17
-_GATES: Final = (0, 3, 1, 2)  # ours are input, forget, cell, output; ONNX has i, o, f, c
+# Ours are input, forget, cell, output, and of a GRU reset, update, candidate
+_GATES: Final = {4: (0, 3, 1, 2), 3: (1, 0, 2)}  # as ONNX has them
 _SAMPLES: Final = "samples"  # the dimension that is free
 
 
@@ -38,8 +40,8 @@ def write_onnx(model: object, path: Path) -> None:
     """Write the network of a fitted model.
 
     Input `features` (samples, d), in the order and units that the metadata name; output `torque`
-    (samples, n) [N m], what the network adds to the simulation. A recurrent one also takes `h` and
-    `c` of each cell, and gives them `_after`; its samples have the rate of its training.
+    (samples, n) [N m], what the network adds to the simulation. A recurrent one also takes `h`, an
+    LSTM `c`, of each cell, and gives them `_after`; its samples have the rate of its training.
 
     Args:
         model: A fitted hybrid model.
@@ -121,9 +123,11 @@ class _Graph:
     @singledispatchmethod
     def _part(self, network: Network, g: int, x: str) -> str:  # noqa: ARG002
         raise ConfigError(
-            f"a network of kind {network.kind} has no form in ONNX; expected mlp7, lstm-2 or "
-            "lstm-fcl"
+            f"a network of kind {network.kind} has no form in ONNX; expected mlp7, lstm-2, "
+            "lstm-fcl or gru"
         )
+
+    _part.register(Lru, _part.func)  # of whose memory ONNX has no node
 
     @_part.register
     def _(self, network: Mlp, g: int, x: str) -> str:
@@ -144,24 +148,27 @@ class _Graph:
 
         def weight(name: str) -> FloatArray:
             own = network.weights[cell_name(name, i)][g]
-            gates = own.reshape(*own.shape[:-1], 4, units)[..., _GATES, :]
+            gates = own.reshape(*own.shape[:-1], -1, units)[..., _GATES[network.gates], :]
             return gates.reshape(own.shape)
 
         at = f"{g}_{i}"
-        bias = np.concatenate([weight("gate_bias"), np.zeros(4 * units)])
+        bias = np.concatenate([weight("gate_bias"), np.zeros(network.gates * units)])
+        gru = isinstance(network, Gru)
+        memory = [f"{name}_{at}" for name in "hc"[: network.states]]
         given = [
             x,
             self._constant(f"input_weight_{at}", weight("input_weight").T[None]),
             self._constant(f"recurrent_weight_{at}", weight("recurrent_weight").T[None]),
             self._constant(f"gate_bias_{at}", bias[None]),
             "",  # all sequences are of the same length
-            f"h_{at}",
-            f"c_{at}",
+            *memory,
         ]
-        self._memory |= {f"h_{at}": units, f"c_{at}": units}
+        self._memory |= dict.fromkeys(memory, units)
         y = self._new()
-        after = [f"h_{at}_after", f"c_{at}_after"]
-        self._nodes.append(("LSTM", given, [y, *after], {"hidden_size": units}))
+        after = [f"{name}_after" for name in memory]
+        own = {"linear_before_reset": 1} if gru else {}
+        given_back = [y, *after], {"hidden_size": units, **own}
+        self._nodes.append(("GRU" if gru else "LSTM", given, *given_back))
         axis = self._constant("one", np.array([1]), np.int64)
         return self._add("Squeeze", y, axis)  # of its one direction
 

@@ -36,6 +36,7 @@ SIDE_BY_SIDE: Final = 4  # doubles, of which what stands for each joint is fille
 _WIDTH: Final = 98  # of a line
 _TYPES: Final = {"f8": "double", "f4": "float", "i8": "int"}
 _AXES: Final = "xyz"
+_NETWORKS: Final = "mlp7, lstm-2, lstm-fcl, gru or lru"
 _NOTHING: Final = "0.0"  # a sum without terms
 _ROUNDING: Final = 1e-15  # of a direction cosine, which right angles leave in place of zero
 _Term: TypeAlias = tuple[float, str]  # a factor, and of what
@@ -231,7 +232,7 @@ def learned(model: object, rate: float) -> LearnedCode:  # noqa: ARG001  # of th
     """
     name = getattr(model, "name", type(model).__name__)
     raise ConfigError(
-        f"a model of kind {name} has no form in C; expected joint-physics, mlp7, lstm-2 or lstm-fcl"
+        f"a model of kind {name} has no form in C; expected joint-physics, {_NETWORKS}"
     )
 
 
@@ -355,15 +356,15 @@ def _(model: HybridModel, rate: float) -> LearnedCode:
 
 @singledispatch
 def _network(network: Network, stride: int) -> LearnedCode:  # noqa: ARG001
-    raise ConfigError(
-        f"a network of kind {network.kind} has no form in C; expected mlp7, lstm-2 or lstm-fcl"
-    )
+    raise ConfigError(f"a network of kind {network.kind} has no form in C; expected {_NETWORKS}")
 
 
 @_network.register
-def _(network: Mlp, stride: int) -> LearnedCode:  # noqa: ARG001  # it has no memory
+def _(network: Mlp, stride: int) -> LearnedCode:
     weights = "".join(table(name, values) for name, values in network.weights.items())
-    return LearnedCode({"HIDDEN": network.hidden}, weights, ("mlp.c",))
+    memory, read = network.init(stride).size, network.weights["hidden_weight"].shape[1]
+    own = {"STRIDE": float(stride), "STATES": (read - network.columns.shape[1]) // 2, "READ": read}
+    return LearnedCode({"HIDDEN": network.hidden, **own}, weights, ("mlp.c",), network=memory)
 
 
 @_network.register
@@ -373,6 +374,8 @@ def _(network: Lstm, stride: int) -> LearnedCode:
     last = ("output_weight", "output_bias") if layer else ()
     return LearnedCode(
         {
+            "GATES": network.gates,
+            "STATES": network.states,
             "LAYERS": units.size,
             "STRIDE": float(stride),
             "CELLS": (memory - 1) // stride,

@@ -172,6 +172,7 @@ def train(
     recordings: Sequence[Recording],
     settings: TrainingSettings,
     on_epoch: Callable[[Epoch], None] = lambda _: None,
+    unfinished: Path | None = None,
 ) -> FittedNetwork:
     """Train a network on tau_meas - tau_RBD, or on tau_meas alone.
 
@@ -189,9 +190,10 @@ def train(
         recordings: Measured motion and torque, at about one rate.
         settings: How to train.
         on_epoch: Called after each epoch, for a progress bar.
+        unfinished: Folder in which each epoch is kept, to go on from after a kill.
 
     Raises:
-        ConfigError: The device is not there.
+        ConfigError: The device is not there, or what was kept cannot be read.
         RecordingError: A recording is of another robot, or too short for a sequence.
         DivergedError: The loss is no longer finite.
 
@@ -203,7 +205,7 @@ def train(
 
     device_for(settings)  # refused before the inputs are computed, which takes a while
     data = prepare(simulation, recordings, settings, np.random.default_rng(settings.seed))
-    fitted = fit_prepared(data, settings, on_epoch)
+    fitted = fit_prepared(data, settings, on_epoch, unfinished)
     # RMSE per joint [N m] of rigid body and hybrid, as they are used: scanning it all
     from estimators.hybrid.training.data import HELD_OUT, TRAINING
 

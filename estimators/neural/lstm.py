@@ -1,10 +1,10 @@
-"""LSTM-FCL and LSTM-2: recurrent cells scanned over time, with and without a linear layer."""
+"""LSTM-FCL, LSTM-2 and GRU: cells scanned over time, with and without a linear layer."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
 from limo_driver.types import FloatArray
+
+_LSTM_GATES: Final = 4
 
 
 def cell_name(name: str, layer: int) -> str:
@@ -30,6 +32,8 @@ class Lstm(Network):
     """
 
     recurrent: ClassVar[bool] = True
+    gates: ClassVar[int] = _LSTM_GATES  # of a unit: input, forget, cell, output
+    states: ClassVar[int] = 2  # values that a unit remembers: h and c
 
     @property
     def layers(self) -> int:
@@ -43,7 +47,7 @@ class Lstm(Network):
 
     def init(self, stride: int) -> FloatArray:
         """Return (which of the interleaved memories is next, their h and c), all zero."""
-        return np.zeros(1 + stride * 2 * len(self.columns) * int(self.units.sum()))
+        return np.zeros(1 + stride * self.states * len(self.columns) * int(self.units.sum()))
 
     @cached_property
     def units(self) -> NDArray[np.int64]:
@@ -58,10 +62,21 @@ class Lstm(Network):
         cells = [[self.weights[cell_name(name, i)] for name in names] for i in range(self.layers)]
         return np.concatenate([weight.ravel() for cell in cells for weight in cell])
 
+    @classmethod
+    def _cell_shapes(
+        cls, parts: int, inputs: int, units: int, layer: int
+    ) -> dict[str, tuple[int, ...]]:
+        return {
+            cell_name("input_weight", layer): (parts, inputs, cls.gates * units),
+            cell_name("recurrent_weight", layer): (parts, units, cls.gates * units),
+            cell_name("gate_bias", layer): (parts, cls.gates * units),
+        }
+
     def _hidden(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples; return the output of the last cells (T, G H) and the memory after."""
         after = memory.copy()
-        return _scan(np.ascontiguousarray(x), self.columns, self.units, self.packed, after), after
+        sizes = self.columns, self.units, self.gates, self.states
+        return _scan(np.ascontiguousarray(x), *sizes, self.packed, after), after
 
 
 class LstmFcl(Lstm):
@@ -72,16 +87,16 @@ class LstmFcl(Lstm):
 
     kind: ClassVar[str] = "lstm-fcl"
 
-    @staticmethod
+    @classmethod
     def shapes(
-        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+        cls, parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
-        """Return the shape of each weight; gates are in the order input, forget, cell, output."""
+        """Return the shape of each weight; gates are in the order of `gates`."""
         hidden = free_size(weights, "output_weight", 1)
         outputs = free_size(weights, "output_weight", 2)
-        second = _cell_shapes(parts, hidden, hidden, 1)
+        second = cls._cell_shapes(parts, hidden, hidden, 1)
         return {
-            **_cell_shapes(parts, inputs, hidden, 0),
+            **cls._cell_shapes(parts, inputs, hidden, 0),
             **(second if any(name in weights for name in second) else {}),
             "output_weight": (parts, hidden, outputs),
             "output_bias": (parts, outputs),
@@ -90,7 +105,23 @@ class LstmFcl(Lstm):
     def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Scan T samples."""
         h, after = self._hidden(memory, x)
-        return _linear(h, self.weights["output_weight"], self.weights["output_bias"]), after
+        W, bias = self.weights["output_weight"], self.weights["output_bias"]
+        of_parts = h.reshape(len(h), *W.shape[:2]).swapaxes(0, 1)  # (G, T, H)
+        return (of_parts @ W + bias[:, None]).swapaxes(0, 1).reshape(len(h), -1), after
+
+
+class Gru(LstmFcl):
+    """Per part, y = Vᵀ h + c with h the output of one gated recurrent unit or two.
+
+    As in PyTorch, the reset gate scales what the memory gives to a candidate, not the memory; that
+    part has no bias of its own.
+
+    Source: Cho et al., "Learning phrase representations using RNN encoder-decoder", EMNLP 2014.
+    """
+
+    kind: ClassVar[str] = "gru"
+    gates: ClassVar[int] = 3  # reset, update, candidate
+    states: ClassVar[int] = 1  # h
 
 
 class Lstm2(Lstm):
@@ -101,16 +132,16 @@ class Lstm2(Lstm):
 
     kind: ClassVar[str] = "lstm-2"
 
-    @staticmethod
+    @classmethod
     def shapes(
-        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+        cls, parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
-        """Return the shape of each weight; gates are in the order input, forget, cell, output."""
+        """Return the shape of each weight; gates are in the order of `gates`."""
         hidden = free_size(weights, "recurrent_weight", 1)
         outputs = free_size(weights, cell_name("recurrent_weight", 1), 1)
         return {
-            **_cell_shapes(parts, inputs, hidden, 0),
-            **_cell_shapes(parts, hidden, outputs, 1),
+            **cls._cell_shapes(parts, inputs, hidden, 0),
+            **cls._cell_shapes(parts, hidden, outputs, 1),
         }
 
     @property
@@ -124,25 +155,19 @@ class Lstm2(Lstm):
         return self._hidden(memory, x)
 
 
-def _cell_shapes(parts: int, inputs: int, units: int, layer: int) -> dict[str, tuple[int, ...]]:
-    return {
-        cell_name("input_weight", layer): (parts, inputs, 4 * units),
-        cell_name("recurrent_weight", layer): (parts, units, 4 * units),
-        cell_name("gate_bias", layer): (parts, 4 * units),
-    }
-
-
 @compiled(nogil=True)
 def _scan(
     x: FloatArray,
     columns: NDArray[np.int64],
     units: NDArray[np.int64],
+    of_unit: int,
+    states: int,
     packed: FloatArray,
     memory: FloatArray,
 ) -> FloatArray:
     """Advance `memory` (see `init`) in place over T samples; return the last cells' h, (T, G H)."""
     (G, K), H, widest = columns.shape, units[-1], max(columns.shape[1], units.max())
-    size = 2 * G * units.sum()
+    size = states * G * units.sum()
     stride = (memory.size - 1) // size
     y = np.empty((x.shape[0], G * H))
     seen, gates = np.empty(widest), np.empty(4 * widest)
@@ -154,18 +179,22 @@ def _scan(
                 seen[k] = x[t, columns[g, k]]
             inputs, start, weight = K, first, 0
             for U in units:
-                h = memory[start + 2 * g * U : start + (2 * g + 1) * U]
-                c = memory[start + (2 * g + 1) * U : start + (2 * g + 2) * U]
-                V = _part(packed, weight, g, inputs, 4 * U)
-                weight += G * inputs * 4 * U
-                W = _part(packed, weight, g, U, 4 * U)
-                weight += G * U * 4 * U
-                bias = _part(packed, weight, g, 1, 4 * U)[0]
-                weight += G * 4 * U
-                _advance_cell(seen[:inputs], V, W, bias, gates, h, c)
+                own = start + states * g * U
+                h, c = memory[own : own + U], memory[own + (states - 1) * U : own + states * U]
+                all_gates = of_unit * U
+                V = _part(packed, weight, g, inputs, all_gates)
+                weight += G * inputs * all_gates
+                W = _part(packed, weight, g, U, all_gates)
+                weight += G * U * all_gates
+                bias = _part(packed, weight, g, 1, all_gates)[0]
+                weight += G * all_gates
+                if of_unit == _LSTM_GATES:
+                    _advance_lstm(seen[:inputs], V, W, bias, gates, h, c)
+                else:
+                    _advance_gru(seen[:inputs], V, W, bias, gates, h)
                 for u in range(U):  # seen[:U] = h would compile the message of its error
                     seen[u] = h[u]
-                inputs, start = U, start + 2 * G * U
+                inputs, start = U, start + states * G * U
             for u in range(H):
                 y[t, g * H + u] = seen[u]
     return y
@@ -179,7 +208,7 @@ def _part(packed: FloatArray, start: int, g: int, rows: int, columns: int) -> Fl
 
 
 @compiled(nogil=True)
-def _advance_cell(
+def _advance_lstm(
     x: FloatArray,
     input_weight: FloatArray,
     recurrent_weight: FloatArray,
@@ -205,15 +234,29 @@ def _advance_cell(
 
 
 @compiled(nogil=True)
-def _linear(h: FloatArray, weight: FloatArray, bias: FloatArray) -> FloatArray:
-    """Map (T, G H) to (T, G m) by the weights (G, H, m) and biases (G, m) of each part."""
-    G, H, m = weight.shape
-    y = np.empty((h.shape[0], G * m))
-    for t in range(h.shape[0]):
-        for g in range(G):
-            for i in range(m):
-                total = bias[g, i]
-                for u in range(H):
-                    total += h[t, g * H + u] * weight[g, u, i]
-                y[t, g * m + i] = total
-    return y
+def _advance_gru(
+    x: FloatArray,
+    input_weight: FloatArray,
+    recurrent_weight: FloatArray,
+    bias: FloatArray,
+    gates: FloatArray,
+    h: FloatArray,
+) -> None:
+    """Advance h (U,) of one cell in place; the fourth part of `gates` is the memory's candidate."""
+    U = h.size
+    for u in range(3 * U):
+        gates[u] = bias[u]
+    for u in range(3 * U, 4 * U):
+        gates[u] = 0.0
+    for k in range(x.size):
+        for u in range(3 * U):
+            gates[u] += x[k] * input_weight[k, u]
+    for k in range(U):
+        for u in range(2 * U):
+            gates[u] += h[k] * recurrent_weight[k, u]
+        for u in range(2 * U, 3 * U):
+            gates[U + u] += h[k] * recurrent_weight[k, u]
+    for u in range(U):
+        reset, kept = 1.0 / (1.0 + np.exp(-gates[u])), 1.0 / (1.0 + np.exp(-gates[U + u]))
+        candidate = np.tanh(gates[2 * U + u] + reset * gates[3 * U + u])
+        h[u] = candidate + kept * (h[u] - candidate)

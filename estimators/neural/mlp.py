@@ -22,6 +22,7 @@ from limo_driver.runtime.compiled import compiled
 from limo_driver.types import FloatArray
 
 _MEMORYLESS: FloatArray = np.zeros(0)
+LAYERS: Final = 4  # weights and biases of the two layers, the last of `shapes`
 _ROWS = 8192  # evaluated at once, so that the hidden layer stays in the cache
 Single: TypeAlias = "NDArray[np.float32]"
 Flat: TypeAlias = "tuple[Single, ...]"
@@ -40,9 +41,9 @@ class Mlp(Network):
     kind: ClassVar[str] = "mlp7"
     recurrent: ClassVar[bool] = False
 
-    @staticmethod
+    @classmethod
     def shapes(
-        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+        cls, parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
         """Return the shape of each weight."""
         hidden = free_size(weights, "output_weight", 1)
@@ -59,19 +60,25 @@ class Mlp(Network):
         return _MEMORYLESS
 
     def advance(self, memory: FloatArray, x: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Evaluate T samples, each by itself; a single one without the overhead of arrays."""
+        """Evaluate T samples, each by itself."""
+        return self._perceptrons(x, self.columns), memory
+
+    def _perceptrons(self, x: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
+        """Evaluate T samples; a single one without the overhead of arrays."""
+        w = self._arrays[-LAYERS:]
         if x.shape[0] == 1:
-            return _row(np.ascontiguousarray(x), self.columns, *self._arrays), memory
+            return _row(np.ascontiguousarray(x), columns, *w)
         y = np.empty((x.shape[0], self.outputs))
         for start in range(0, x.shape[0], _ROWS):
-            rows = slice(start, start + _ROWS)
-            y[rows] = np.concatenate([self._part(g, x[rows]) for g in range(len(self.columns))], 1)
-        return y, memory
-
-    def _part(self, g: int, x: FloatArray) -> FloatArray:
-        w = self.weights
-        hidden = x[:, self.columns[g]] @ w["hidden_weight"][g] + w["hidden_bias"][g]
-        return np.maximum(hidden, 0.0) @ w["output_weight"][g] + w["output_bias"][g]
+            rows = x[start : start + _ROWS]
+            y[start : start + _ROWS] = np.concatenate(
+                [
+                    np.maximum(rows[:, seen] @ V + b, 0.0) @ W + c
+                    for seen, V, b, W, c in zip(columns, *w, strict=True)
+                ],
+                axis=1,
+            )
+        return y
 
 
 @compiled(nogil=True)

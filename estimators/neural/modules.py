@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final, TypeAlias
+from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 import torch
@@ -10,11 +10,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from estimators.neural.lstm import cell_name
+from estimators.neural.lstm import Gru, Lstm, cell_name
 from estimators.neural.transformer import NORM_EPSILON, position_encoding, weight_shapes
 from limo_driver.types import FloatArray
 
-Memory: TypeAlias = "list[tuple[Tensor, Tensor]] | None"  # h and c of each cell
+Memory: TypeAlias = "list[tuple[Tensor, ...]] | None"  # h and c of each cell; h, or states
+_FADES: Final = 2.0, 200.0  # samples after which states of an LRU have faded to a third, at first
+_TURNS: Final = np.pi / 10  # [rad] by sample that they turn, at most, at first
 _WIDER: Final = 2  # feed-forward over d_model
 
 
@@ -46,57 +48,103 @@ class Module(nn.Module):
         return x[:, self.columns].transpose(0, 1)  # type: ignore[index]
 
 
-class MlpModule(Module):
-    """One hidden layer with ReLU for each part."""
+class PerceptronModule(Module):
+    """One hidden layer with ReLU for each part, which reads its inputs and `more` values."""
 
-    def __init__(self, columns: NDArray[np.int64], hidden: int, outputs: int) -> None:
+    def __init__(
+        self, columns: NDArray[np.int64], hidden: int, outputs: int, more: int = 0
+    ) -> None:
         super().__init__(columns)
         self.output_weight = _xavier(self.parts, hidden, outputs)
         self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
-        self.hidden_weight = _xavier(self.parts, self.inputs, hidden)
+        self.hidden_weight = _xavier(self.parts, self.inputs + more, hidden)
         self.hidden_bias = nn.Parameter(torch.zeros(self.parts, hidden))
+
+    def _perceptrons(self, x: Tensor) -> Tensor:
+        """Map what each part sees, (G, N, f), to (N, outputs)."""
+        hidden = torch.baddbmm(self.hidden_bias[:, None], x, self.hidden_weight)
+        y = torch.baddbmm(self.output_bias[:, None], torch.relu(hidden), self.output_weight)
+        return y.transpose(0, 1).reshape(x.shape[1], -1)
+
+
+class MlpModule(PerceptronModule):
+    """What `Mlp` computes."""
 
     def forward(self, x: Tensor) -> Tensor:
         """Map (N, d) to (N, outputs)."""
-        hidden = torch.baddbmm(self.hidden_bias[:, None], self._inputs(x), self.hidden_weight)
-        y = torch.baddbmm(self.output_bias[:, None], torch.relu(hidden), self.output_weight)
-        return y.transpose(0, 1).reshape(x.shape[0], -1)
+        return self._perceptrons(self._inputs(x))
+
+
+class LruModule(PerceptronModule):
+    """What `Lru` computes, for all samples at once: a convolution with the powers of λ."""
+
+    def __init__(self, columns: NDArray[np.int64], states: int, hidden: int, outputs: int) -> None:
+        super().__init__(columns, hidden, outputs, 2 * states)
+        low, high = np.log(_FADES)
+        fades = torch.rand(self.parts, states) * (high - low) + low
+        self.log_rate = nn.Parameter(-fades)
+        self.turn = nn.Parameter(torch.rand(self.parts, states) * _TURNS)
+        self.input_weight = _xavier(self.parts, self.inputs, 2 * states)
+
+    def weights(self) -> dict[str, FloatArray]:
+        """Return the weights by the names that `Network` expects."""
+        known = super().weights()
+        rate = np.exp(known.pop("log_rate"))
+        turn, kept = known.pop("turn"), np.exp(-rate)
+        known["input_weight"] *= np.tile(np.sqrt(-np.expm1(-2 * rate)), 2)[:, None]
+        return {**known, "transition": np.stack([kept * np.cos(turn), kept * np.sin(turn)], axis=1)}
+
+    def forward(self, x: Tensor, memory: Memory = None) -> tuple[Tensor, Memory]:
+        """Map (B, T, d) and the memory before to (B, T, outputs) and the memory after."""
+        B, T, d = x.shape
+        seen = self._inputs(x.reshape(-1, d)).reshape(self.parts, B, T, -1)
+        rate = torch.exp(self.log_rate)
+        scale = torch.sqrt(-torch.expm1(-2 * rate))[:, None, None]  # keeps their size at any rate
+        u = torch.complex(*(seen @ self.input_weight[:, None]).chunk(2, dim=-1)) * scale
+        steps = torch.arange(T + 1, device=x.device)[:, None]
+        powers = torch.exp(torch.complex(-rate, self.turn)[:, None] * steps)  # (G, T + 1, S)
+        both = torch.fft.fft(u, 2 * T, dim=2) * torch.fft.fft(powers[:, None, :T], 2 * T, dim=2)
+        z = torch.fft.ifft(both, dim=2)[:, :, :T]
+        if memory is not None:
+            z = z + powers[:, None, 1:] * memory[0][0]
+        read = torch.cat([seen, z.real, z.imag], dim=-1).flatten(1, 2)
+        return self._perceptrons(read).reshape(B, T, -1), [(z[:, :, -1:].detach(),)]
 
 
 class LstmModule(Module):
-    """LSTM cells for each part, one above the other, of the given units."""
+    """Cells for each part, one above the other, of the given units."""
+
+    kind: ClassVar[type[Lstm]] = Lstm
 
     def __init__(self, columns: NDArray[np.int64], units: tuple[int, ...]) -> None:
         super().__init__(columns)
         self.units = units
         below = (self.inputs, *units)
         for i, count in enumerate(units):
-            weights = (
-                _xavier(self.parts, below[i], 4 * count),
-                _xavier(self.parts, count, 4 * count),
-            )
+            gates = self.kind.gates * count
+            weights = _xavier(self.parts, below[i], gates), _xavier(self.parts, count, gates)
             self.register_parameter(cell_name("input_weight", i), weights[0])
             self.register_parameter(cell_name("recurrent_weight", i), weights[1])
-            bias = nn.Parameter(torch.zeros(self.parts, 4 * count))
+            bias = nn.Parameter(torch.zeros(self.parts, gates))
             self.register_parameter(cell_name("gate_bias", i), bias)
 
     def forward(self, x: Tensor, memory: Memory = None) -> tuple[Tensor, Memory]:
         """Map (B, T, d) and the memory before to (B, T, outputs) and the memory after."""
         outputs: list[Tensor] = []
-        after: list[tuple[Tensor, Tensor]] = []
+        after: list[tuple[Tensor, ...]] = []
         for g in range(self.parts):
             y = x if self._sees_all else x[..., self.columns[g]]  # type: ignore[index]
             for i, count in enumerate(self.units):
                 zero = x.new_zeros(1, len(x), count)
-                before = memory[len(after)] if memory is not None else (zero, zero)
+                before = memory[len(after)] if memory is not None else (zero,) * self.kind.states
                 y, cell = self._cell(y, before, g, i)
                 after.append(cell)
             outputs.append(self._output(y, g))
         return torch.cat(outputs, dim=-1) if self.parts > 1 else outputs[0], after
 
     def _cell(
-        self, x: Tensor, memory: tuple[Tensor, Tensor], g: int, i: int
-    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        self, x: Tensor, memory: tuple[Tensor, ...], g: int, i: int
+    ) -> tuple[Tensor, tuple[Tensor, ...]]:
         """Scan the cell of part g in layer i; the memory after it has no gradient."""
         names = ("input_weight", "recurrent_weight", "gate_bias")
         V, W, bias = (self.get_parameter(cell_name(name, i))[g] for name in names)
@@ -104,8 +152,10 @@ class LstmModule(Module):
         if x.is_cuda:  # cuDNN takes no gradient of weights that do not lie in one piece, in order
             pieces = torch.cat([w.reshape(-1) for w in weights]).split([w.numel() for w in weights])
             weights = [piece.view(w.shape) for piece, w in zip(pieces, weights, strict=True)]
-        y, h, c = torch.lstm(x, memory, weights, True, 1, 0.0, self.training, False, True)
-        return y, (h.detach(), c.detach())
+        how = weights, True, 1, 0.0, self.training, False, True
+        gru = self.kind is Gru
+        y, *after = torch.gru(x, memory[0], *how) if gru else torch.lstm(x, memory, *how)
+        return y, tuple(values.detach() for values in after)
 
     def _output(self, h: Tensor, g: int) -> Tensor:  # noqa: ARG002  # a subclass needs the part
         """Map the output of the last cell of part g to what the part gives."""
@@ -124,6 +174,12 @@ class LstmFclModule(LstmModule):
 
     def _output(self, h: Tensor, g: int) -> Tensor:
         return torch.nn.functional.linear(h, self.output_weight[g].T, self.output_bias[g])
+
+
+class GruModule(LstmFclModule):
+    """GRU cells and a linear layer for each part."""
+
+    kind = Gru
 
 
 def _xavier(parts: int, inputs: int, outputs: int) -> nn.Parameter:

@@ -58,10 +58,10 @@ class Network(ABC):
                 raise ModelStoreError(f"{self.kind}: weight {name!r} is not finite")
             self.weights[name] = array
 
-    @staticmethod
+    @classmethod
     @abstractmethod
     def shapes(
-        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+        cls, parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
         """Return the shape of each weight; sizes that are free are taken from the weights."""
 

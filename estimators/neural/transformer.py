@@ -50,9 +50,9 @@ class Transformer(Network):
     kind: ClassVar[str] = "transformer"
     recurrent: ClassVar[bool] = True
 
-    @staticmethod
+    @classmethod
     def shapes(
-        parts: int, inputs: int, weights: Mapping[str, FloatArray]
+        cls, parts: int, inputs: int, weights: Mapping[str, FloatArray]
     ) -> dict[str, tuple[int, ...]]:
         """Return the shape of each weight; `*_qkv` gives queries, keys and values of each head."""
         block, d = (free_size(weights, "position_encoding", axis) for axis in (0, 1))

@@ -1,9 +1,10 @@
 """Benchmarks of others on limo as anybody would call it, on files that a user has.
 
 Each is learned from the files that its authors learn from, and judged on theirs by their measure.
-Next to limo's figure stands theirs: of EMPS their own procedure, run here; of NNFM the
+Next to limo's figures stands theirs: of EMPS their own procedure, run here; of NNFM the
 predictions that the authors publish in the same file; of the two arms, whose description has to be
-in the folder, a linear regression on the motion.
+in the folder, a linear regression on the motion. limo's are named by the command: what it
+identifies, what it trains by default, joint physics, and where PyTorch is installed, networks.
 
 Source: Janot, Gautier and Brunot, "Data set and reference models of EMPS", Workshop on Nonlinear
 System Identification Benchmarks 2019 (DATA_EMPS.mat, DATA_EMPS_PULSES.mat); Long et al., "NNFM: A
@@ -19,11 +20,15 @@ from __future__ import annotations
 import tempfile
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.util import find_spec
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
 
+from estimators.hybrid import HybridModel
+from estimators.hybrid.training.settings import usual_settings
 from estimators.joint_physics import JointPhysics
 from estimators.rigid_body import Rows, identify
 from estimators.rigid_body.best_bandwidth import fitting_bandwidth
@@ -33,9 +38,8 @@ from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 
-    from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 EMPS: Final = ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
@@ -43,6 +47,7 @@ SPEEDS: Final = ("high", "middle", "slow")
 KR300: Final = ("inverse_identification_without_raw_data.mat", "kr300.urdf")
 BAXTER: Final = "baxter.urdf"
 _GEARS: Final = (212.76, 203.52, 192.75, 156.0, 156.0, 102.17)  # of the KR300, by its authors
+_NETWORKS: Final = ("mlp7", "lru", "gru") if find_spec("torch") else ()
 _STEPS: Final = 0.1, 0.01  # [s], of KR300 and Baxter
 _PEERS: Final = ("CV", "Stribeck", "SVM", "Light_Transformer", "PINN", "NNFM")  # in their files
 _EDGE, _THINNED = 50, 10  # rows, as in the authors' script
@@ -66,35 +71,44 @@ class BenchRow:
     source: str  # where it is from
 
 
+_Ours: TypeAlias = "tuple[str, str, Callable[[Recording], FloatArray]]"
+
+
 def bench(folder: Path, tell: Callable[[str], None] = lambda _: None) -> tuple[BenchRow, ...]:
     """Compute all benchmarks whose files are in a folder.
 
     Args:
         folder: With the authors' files, under their names, in it or in folders below.
-        tell: Told what is computed next.
+        tell: Told what is computed next, and each figure as it comes.
 
     Raises:
         RecordingError: No benchmark's files are there, or one is not as its authors made it.
     """
     files = {path.name: path for path in sorted(folder.rglob("*")) if path.is_file()}
     rows: list[BenchRow] = []
+
+    def keep(found: Iterable[BenchRow]) -> None:
+        for row in found:
+            tell(f"{row.benchmark}, {row.who}: {row.figure:.4g}")
+            rows.append(row)
+
     if all(name in files for name in EMPS):
-        tell("EMPS")
-        rows += _emps(*(files[name] for name in EMPS))
+        tell("computing EMPS")
+        keep(_emps(*(files[name] for name in EMPS)))
     for case in range(1, 5):
         names = [f"case{case}_{speed}.csv" for speed in SPEEDS]
         if all(name in files for name in names):
-            tell(f"NNFM, case {case}")
-            rows += _friction(case, [files[name] for name in names])
+            tell(f"computing NNFM, case {case}")
+            keep(_friction(case, [files[name] for name in names]))
     if all(name in files for name in KR300):
-        tell("KR300")
+        tell("computing KR300")
         data = industrial(files[KR300[0]])
-        rows += _arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data)
+        keep(_arm("KR300, inverse", "mean NRMSE", str(files[KR300[1]]), *data))
     trips = [sorted(folder.rglob(f"{part}/*_ang_vel_torq.csv")) for part in ("Training", "Test")]
     if BAXTER in files and all(trips):
-        tell("Baxter")
+        tell("computing Baxter")
         data = [[trip(path) for path in paths] for paths in trips]
-        rows += _arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data)
+        keep(_arm("Baxter, left arm", "MAE [N m]", f"{files[BAXTER]}#left_[sew][012]", *data))
     if not rows:
         raise RecordingError(
             f"has the files of no benchmark, expected {' and '.join(EMPS)}, or case1_high.csv, "
@@ -108,7 +122,6 @@ def bench(folder: Path, tell: Callable[[str], None] = lambda _: None) -> tuple[B
 def _emps(learned: Path, test: Path) -> Iterator[BenchRow]:
     """Give the relative error of the force of the slide on the file with pulses."""
     (train, training), (judged, tested) = (_slide(path) for path in (learned, test))
-    width, simulation = _identified("slide", "prismatic", "1 0 0", 100.0, train)
     of = "EMPS, pulses", "relative force error [%]"
     measured = _thinned(tested.force)
 
@@ -123,13 +136,8 @@ def _emps(learned: Path, test: Path) -> Iterator[BenchRow]:
     weights = np.linalg.lstsq(known, _thinned(training.force), rcond=None)[0]
     peer = tested.columns @ weights
     yield BenchRow(*of, "IDIM-LS", error(peer), "Script_IDIM_LS.m, its procedure run here")
-    yield BenchRow(
-        *of, "limo identify", error(simulation.predict(judged, width)[:, 0]), f"{width:g} Hz"
-    )
-    model = JointPhysics(simulation, width).fit([train])
-    yield BenchRow(
-        *of, "limo train --model joint-physics", error(model.predict(judged)[:, 0]), f"{width:g} Hz"
-    )
+    for who, source, predict in _of_joint("slide", "prismatic", "1 0 0", 100.0, [train]):
+        yield BenchRow(*of, who, error(predict(judged)[:, 0]), source)
 
 
 @dataclass(frozen=True)
@@ -184,15 +192,10 @@ def _friction(case: int, paths: list[Path]) -> Iterator[BenchRow]:
 
         for name, predicted in peers.items():
             yield BenchRow(*of, name, error(predicted), f"predictions in {paths[k].name}")
-        width, simulation = _identified(f"joint{joint}", "revolute", "0 0 1", 1e-3, *others)
-        model = JointPhysics(simulation, width).fit(others)
-        both = {
-            "limo identify": simulation.predict(judged, width),
-            "limo train --model joint-physics": model.predict(judged),
-        }
-        for name, torque in both.items():
-            source = f"learned from the other speeds, {width:g} Hz"
-            yield BenchRow(*of, name, error(torque[:, 0]), source)
+        own = _of_joint(f"joint{joint}", "revolute", "0 0 1", 1e-3, others)
+        for who, source, predict in own:
+            figure = error(predict(judged)[:, 0])
+            yield BenchRow(*of, who, figure, f"learned from the other speeds, {source}")
 
 
 def _friction_of(path: Path) -> tuple[Recording, dict[str, FloatArray], str]:
@@ -214,8 +217,7 @@ def _arm(
     benchmark: str, measure: str, robot: str, learned: list[Recording], tests: list[Recording]
 ) -> Iterator[BenchRow]:
     """Give the error of an arm's torque over all rows of the tests, the mean of its joints."""
-    width, simulation = _simulation(robot, learned)
-    trained = best_model(simulation, learned, width)
+    width, _ = fitting_bandwidth(RobotModel.load(robot), learned)
 
     def terms(one: Recording) -> FloatArray:
         motion = one.motion(width)
@@ -226,20 +228,17 @@ def _arm(
         np.concatenate(x) for x in zip(*((terms(r), r.torque) for r in learned), strict=True)
     )
     weights = np.linalg.lstsq(known, torque, rcond=None)[0]
-    peers: dict[str, tuple[str, Callable[[Recording], FloatArray]]] = {
-        "linear in the motion": ("run here", lambda one: terms(one) @ weights),
-        "limo identify": (f"{width:g} Hz", lambda one: simulation.predict(one, width)),
-        f"limo train, {trained.fitted.record['choice']['chosen']}": (
-            f"{width:g} Hz",
-            trained.predict,
-        ),
-    }
+
+    def linear(one: Recording) -> FloatArray:
+        return terms(one) @ weights
+
     measured = np.concatenate([one.torque for one in tests])
-    for name, (source, predict) in peers.items():
+    peer = ("linear in the motion", "run here", linear)
+    for who, source, predict in chain([peer], _ours(robot, learned)):
         left = measured - np.concatenate([predict(one) for one in tests])
         each = np.sqrt(np.mean(left**2, axis=0)) / measured.std(axis=0)
         figure = np.mean(np.abs(left)) if measure.startswith("MAE") else each.mean()
-        yield BenchRow(benchmark, measure, name, float(figure), source)
+        yield BenchRow(benchmark, measure, who, float(figure), source)
 
 
 def industrial(path: Path) -> tuple[list[Recording], list[Recording]]:
@@ -274,21 +273,31 @@ def _as_made(path: Path, what: str) -> Generator[None]:
         raise RecordingError(f"is no {what}: {error}", path=path) from None
 
 
-def _identified(
-    name: str, kind: str, axis: str, mass: float, *recordings: Recording
-) -> tuple[float, Simulation]:
-    """Identify one joint as `limo identify` does; return the bandwidth [Hz] and the simulation."""
+def _of_joint(
+    name: str, kind: str, axis: str, mass: float, learned: Sequence[Recording]
+) -> Iterator[_Ours]:
+    """Do as `_ours` does of a robot of one joint, of which nobody knows more than its name."""
     with tempfile.TemporaryDirectory() as folder:
         urdf = Path(folder) / f"{name}.urdf"
         about = mass * 1e-2  # [kg m²], as far as anybody knows
         urdf.write_text(
             _ARM.format(name=name, kind=kind, axis=axis, mass=mass, about=about), encoding="utf-8"
         )
-        return _simulation(str(urdf), recordings)
+        yield from _ours(str(urdf), learned)
 
 
-def _simulation(robot: str, recordings: Sequence[Recording]) -> tuple[float, Simulation]:
-    """Identify an arm as `limo identify` does; return the bandwidth [Hz] and the simulation."""
+def _ours(robot: str, learned: Sequence[Recording]) -> Iterator[_Ours]:
+    """Give limo's commands, what each has chosen, and what predicts torque (T, n) [N m]."""
     model = RobotModel.load(robot)
-    width, _ = fitting_bandwidth(model, recordings)
-    return width, identify(model, recordings, rows=Rows(width)).simulation
+    width, _ = fitting_bandwidth(model, learned)
+    simulation = identify(model, learned, rows=Rows(width)).simulation
+    yield "limo identify", f"{width:g} Hz", lambda one: simulation.predict(one, width)
+    best = best_model(simulation, learned, width)
+    yield "limo train", f"{width:g} Hz, {best.fitted.record['choice']['chosen']}", best.predict
+    physics = JointPhysics(simulation, width).fit(learned)
+    yield "limo train --model joint-physics", f"{width:g} Hz", physics.predict
+    for kind in _NETWORKS:
+        settings = usual_settings("drive", kind)
+        network = HybridModel(simulation, settings.following(width)).fit(learned)
+        who = f"limo train --model {kind} --features drive"
+        yield who, f"{width:g} Hz", network.predict

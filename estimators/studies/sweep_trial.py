@@ -288,8 +288,8 @@ class SweepSpace:
 
     def _made(self, chosen: Mapping[str, Any]) -> TrainingSettings:
         try:
-            usual = usual_settings(chosen.get("features", TrainingSettings.features))
-            return replace(usual, **chosen)
+            own = {"features": TrainingSettings.features} | dict(chosen)
+            return replace(usual_settings(own["features"], own.get("model", "mlp7")), **chosen)
         except ConfigError as error:
             combination = ", ".join(f"{name}: {value}" for name, value in chosen.items())
             raise ConfigError(

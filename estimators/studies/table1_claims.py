@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import json
 from dataclasses import dataclass
-from io import StringIO
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,27 +15,18 @@ from estimators.studies.table1_results import (
     SCAFFOLDS,
     SCHEMA,
     SEQUENCES,
-    SPLIT_NAMES,
-    SPLIT_WORDS,
-    SPLITS,
-    Protocol,
     write_whole,
 )
-from limo_driver.quoting import in_markdown
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
     from estimators.studies.table1_results import Figures, Table
 
 _CONFIDENCE: Final = 0.95
-JSON, CSV, MARKDOWN, CLAIMS_FILE = "table1.json", "table1.csv", "table1.md", "claims.md"
+JSON: Final = "table1.json"
 NOTHING: Final = "-"  # stands where no trial is finished
-_SOURCE: Final = (
-    'The paper: Çallar and Böttger, "Hybrid Learning of Time-Series Inverse Dynamics Models for '
-    'Locally Isotropic Robot Motion", RA-L 2022, Table I.'
-)
 
 
 @dataclass(frozen=True)
@@ -177,35 +166,9 @@ def _judgement(table: Table, worse: Row, better: Row, part: str, split: str) -> 
     return Judgement(worse.name, better.name, part, split, factor, low, high, logs.size, paper)
 
 
-def best(table: Table, part: str, split: str) -> tuple[str, str] | None:
-    """Return the rows of least mean error, ours and the paper's, or None before any is done."""
-    ours = [
-        (float(figures.mean[-1]), row.name)
-        for row in ROWS
-        if (figures := table.figures(row, part, split)).mean is not None
-    ]
-    paper = [(float(mse[-1]), name) for (of, name), mse in r.paper_table().items() if of == part]
-    return (min(ours)[1], min(paper)[1]) if ours else None
-
-
 def write(table: Table, folder: Path) -> None:
-    """Write all files, each whole or not at all."""
+    """Write the figures as JSON, whole or not at all."""
     write_whole(folder / JSON, json.dumps(_values(table), indent=1, allow_nan=False))
-    text = StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = [*(f"joint_{j + 1}" for j in range(table.data.model.n)), "joint_average"]
-    writer.writerow(
-        ["split", "part", "architecture", "runs", "left"]
-        + [f"{name}{suffix}" for suffix in ("", "_spread", "_paper") for name in names]
-    )
-    for split, part, row, figures in table.entries():
-        values: list[str] = []
-        for which in (figures.mean, figures.spread, figures.paper):
-            values += [""] * len(names) if which is None else map(repr, which.tolist())
-        writer.writerow([split, part, row.name, len(figures.numbers), figures.left, *values])
-    write_whole(folder / CSV, text.getvalue().rstrip("\n"))
-    write_whole(folder / MARKDOWN, _markdown(table))
-    write_whole(folder / CLAIMS_FILE, _claims(table))
 
 
 def number(value: float) -> str:
@@ -258,94 +221,3 @@ def _values(table: Table) -> dict[str, Any]:
             for judgement in judge(table, claim)
         ],
     }
-
-
-def _markdown(table: Table) -> str:
-    n = table.data.model.n
-    lines = ["# Table I", "", in_markdown(table.headline()), "", table.scored, "", _SOURCE]
-    for split in SPLITS:
-        lines += ["", f"## {SPLIT_NAMES[split][0].upper()}{SPLIT_NAMES[split][1:]}"]
-        for part in PARTS:
-            rows = (
-                [row.name, done(figures), *(cell(figures, i) for i in range(n + 1))]
-                for s, p, row, figures in table.entries()
-                if (s, p) == (split, part)
-            )
-            head = ["architecture", "runs", *(f"joint {j + 1}" for j in range(n)), "average"]
-            lines += ["", f"### {part.capitalize()}", "", *_grid(head, rows)]
-    lines += ["", "## Topology of LSTM-FCL 500 with tau_rbd,r (joint average)", ""]
-    lines += _grid(
-        ["part", "layers", "width", "runs", "MSE"],
-        (
-            [part, str(layers), str(width), done(figures), cell(figures, n)]
-            for part, layers, width, figures in table.topologies()
-        ),
-    )
-    return "\n".join(lines)
-
-
-def _claims(table: Table) -> str:
-    lines = [
-        "# The paper's claims",
-        "",
-        in_markdown(table.headline()),
-        "",
-        "A factor is the joint-averaged MSE of the first row over that of the second, geometric "
-        "mean over runs of equal seeds, with its 95 % interval. A claim holds for a pair when the "
-        "whole interval lies above 1, does not hold when it lies below, and is open in between. "
-        "With one run there is no interval, and the sign of one run proves nothing.",
-    ]
-    if (epochs := table.protocol.epochs) < Protocol.epochs:
-        lines += [
-            "",
-            f"**No judgement of the paper: the networks were trained for {epochs} epoch"
-            f"{'s' if epochs > 1 else ''}, the paper's for {Protocol.epochs}.** What is compared "
-            "here is how they begin to learn.",
-        ]
-    for claim in CLAIMS:
-        judged = list(judge(table, claim))
-        compared = [j for j in judged if j.factor is not None]
-        hold = sum(j.factor is not None and j.factor > 1 for j in compared)
-        surely = sum(j.verdict == "holds" for j in compared)
-        lines += [
-            "",
-            f"## {claim.title}",
-            "",
-            f"The paper: {claim.says} Here: in {hold} of {len(compared)} comparisons done "
-            f"({len(judged)} in all), in {surely} beyond the spread.",
-            "",
-            *_grid(
-                ["part", "split", "first", "second", "factor", "paper's", "runs", "verdict"],
-                (
-                    [
-                        *(j.part, SPLIT_WORDS[j.split], j.worse, j.better, factor(j)),
-                        NOTHING if j.paper is None else f"{j.paper:.3g}",
-                        *(str(j.runs), j.verdict),
-                    ]
-                    for j in judged
-                ),
-            ),
-        ]
-    return "\n".join([*lines, "", "## Least error", "", *_winners(table)])
-
-
-def _winners(table: Table) -> Iterable[str]:
-    """Give the winners of each part as lines of a table."""
-    found = [(split, part, best(table, part, split)) for split in SPLITS for part in PARTS]
-    return _grid(
-        ["split", "part", "ours", "paper's"],
-        ([SPLIT_WORDS[split], part, *(names or (NOTHING,) * 2)] for split, part, names in found),
-    )
-
-
-def _grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
-    """Return the lines of a Markdown table."""
-    return [
-        _line(head),
-        _line(["---"] * len(head)),
-        *(_line(row) for row in rows),
-    ]
-
-
-def _line(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"

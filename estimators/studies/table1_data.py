@@ -226,6 +226,8 @@ ROWS: Final = (
     *(RBD, MLP, MLP_HYBRID, MLP_FULL, LSTM2, LSTM2_HYBRID, LSTM2_FULL),
     *(FCL100, FCL100_HISTORY, FCL100_FULL, FCL500, FCL500_HYBRID, FCL500_FULL, TRANSFORMER),
 )
+MORE: Final = tuple(Row(f"{model.upper()} 100 with tau_rbd,r", model) for model in ("gru", "lru"))
+ALL_ROWS: Final = ROWS + MORE  # those that the paper lacks stand last
 
 _BEST: Final = (1, 35)  # layers and width of the row of the table whose topology is varied
 

@@ -1,17 +1,14 @@
-"""The table shown: a page with errors beside the paper's and its claims judged, and a picture."""
+"""The table shown: a page with errors beside the paper's, and its claims judged."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
-from textwrap import fill
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from estimators.studies.table1_claims import CLAIMS, NOTHING, cell, done, factor, judge
-from estimators.studies.table1_data import PARTS, RBD, ROWS, paper_table
+from estimators.studies.table1_data import ALL_ROWS, PARTS, RBD, paper_table
 from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
@@ -20,14 +17,12 @@ from estimators.studies.table1_results import (
     SPLITS,
     Protocol,
     Table,
-    span,
 )
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, BEFORE, FLOOR, layout, numbers
 from limo_driver.pages.markup import Figure as Chart
 from limo_driver.pages.markup import folded, grid, header, listed, section, table
 from limo_driver.quoting import in_html as escape
-from limo_driver.runtime.outputs import whole
 
 PAGE: Final = "report.html"
 _STYLES: Final = ((SEQUENCES, AFTER, "circle"), (SCAFFOLDS, BEFORE, "square"))
@@ -59,6 +54,12 @@ def table_page(found: Table) -> Page:
                 if (of_split, of_part) == (split, part)
             ]
             body += folded(f"{part.capitalize()}, {SPLIT_NAMES[split]}", table(heads, rows, 1))
+    topologies = [
+        [part, str(layers), str(width), done(figures), cell(figures, n)]
+        for part, layers, width, figures in found.topologies()
+    ]
+    heads = ("part", "layers", "width", "runs", "average")
+    body += folded("Topology of LSTM-FCL 500 with tau_rbd,r", table(heads, topologies))
     body = (
         header("Table I of Çallar and Böttger 2022", title, found.headline())
         + section("Notes", listed(_known(found)), "notes")
@@ -73,7 +74,7 @@ def _title(found: Table) -> str:
     """Say which row is best on motion that was not trained on, and how far the rigid body is."""
     errors = {
         row.name: float(figures.mean[-1])
-        for row in ROWS
+        for row in ALL_ROWS
         if (figures := found.figures(row, "test", SCAFFOLDS)).mean is not None
     }
     if len(errors) < 2:  # noqa: PLR2004  # to compare
@@ -103,17 +104,16 @@ def _known(found: Table) -> Iterator[str]:
 
 
 def _errors(found: Table, part: str) -> Chart:
-    names = [row.name for row in ROWS]
+    names = [row.name for row in ALL_ROWS]
     data: list[Chart] = []
     for split, colour, symbol in _STYLES:
-        figures = [found.figures(row, part, split) for row in ROWS]
+        figures = [found.figures(row, part, split) for row in ALL_ROWS]
         means = np.array([np.nan if f.mean is None else f.mean[-1] for f in figures])
         spreads = np.array([np.nan if f.spread is None else f.spread[-1] for f in figures])
         marks = _marks(means, names, SPLIT_WORDS[split], colour, symbol)
         data.append(marks | {"error_x": {"type": "data", "array": numbers(spreads)}})
     if found.beside_paper:
-        paper = np.array([paper_table()[part, name][-1] for name in names])
-        data.append(_marks(paper, names, "the paper", FLOOR, "diamond-open"))
+        data.append(_marks(_paper(part), names, "the paper", FLOOR, "diamond-open"))
     axes = layout("MSE [(N m)²], logarithmic", "")
     axes["xaxis"] |= {"type": "log"}
     axes["yaxis"] |= {"autorange": "reversed"}
@@ -125,6 +125,12 @@ def _errors(found: Table, part: str) -> Chart:
             {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "yref": "paper", "line": line}
         ]
     return {"data": data, "layout": axes, "rows": len(names)}
+
+
+def _paper(part: str) -> np.ndarray:
+    """Return the paper's averages; NaN for rows that it lacks."""
+    found = paper_table()
+    return np.array([found.get((part, row.name), (np.nan,))[-1] for row in ALL_ROWS])
 
 
 def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Chart:
@@ -154,65 +160,3 @@ def _claims(found: Table) -> str:
         title = f"{claim.title}: beyond the spread in {surely} of {len(compared)} comparisons"
         body += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))
     return body
-
-
-PICTURE: Final = "table1.png"
-_WIDTH: Final = 140  # characters of a line
-_LINES: Final = {  # split → label, colour, marker, offset from the middle of a row
-    SEQUENCES: ("ours, random sub-sequences", "#1f77b4", "o", -0.17),
-    SCAFFOLDS: ("ours, split by scaffold", "#d95f02", "s", 0.17),
-}
-
-
-def draw(table: Table, path: Path) -> None:
-    """Draw a panel for each part of the motion; rows from top to bottom, errors on one log axis."""
-    figure = Figure(figsize=(13, 6.5), layout="constrained")
-    panels: Any = figure.subplots(1, len(PARTS), sharex=True, sharey=True)
-    for panel, part in zip(panels, PARTS, strict=True):
-        _panel(panel, table, part)
-    panels[0].set_yticks(range(len(ROWS)), [row.name for row in ROWS])
-    panels[0].set_ylim(len(ROWS) - 0.5, -0.5)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False)
-    left = f"; {table.left} trials left" if table.left else ""
-    data = table.data
-    title = (
-        f"Table I of Çallar and Böttger 2022 on {data.robot}, {span(data.limo.duration)} to train "
-        f"and test on, made by {data.made_by}"
-    )
-    whiskers = "; whiskers: standard deviation over runs" if table.protocol.runs > 1 else ""
-    figure.suptitle(f"{fill(title, _WIDTH)}\n{table.protocol}{left}{whiskers}", fontsize="medium")
-    with whole(path) as draft:
-        figure.savefig(draft, format=path.suffix[1:], dpi=150)
-
-
-def _panel(panel: Any, table: Table, part: str) -> None:  # noqa: ANN401  # matplotlib's Axes
-    places = np.arange(len(ROWS))
-    if table.beside_paper:
-        paper = [paper_table()[part, row.name][-1] for row in ROWS]
-        panel.plot(paper, places, "D", color="0.45", fillstyle="none", label="the paper")
-    rigid = table.figures(RBD, part).mean
-    if rigid is not None:
-        panel.axvline(rigid[-1], color="0.45", linestyle=":", label="the rigid body alone")
-    for split, (label, colour, marker, offset) in _LINES.items():
-        figures = [table.figures(row, part, split) for row in ROWS]
-        means = [np.nan if f.mean is None else f.mean[-1] for f in figures]
-        spreads = [0.0 if f.spread is None else f.spread[-1] for f in figures]
-        lower = np.minimum(spreads, 0.9 * np.nan_to_num(means))  # above 0, for a logarithmic axis
-        panel.errorbar(
-            means,
-            places + offset,
-            xerr=[lower, spreads],
-            fmt=marker,
-            color=colour,
-            markersize=5,
-            capsize=2,
-            label=label,
-        )
-    panel.set_xscale("log")
-    panel.set_title(part)
-    panel.set_xlabel("joint-averaged MSE [(N m)²]")
-    panel.grid(axis="x", which="major", color="0.85")
-    panel.set_axisbelow(True)
-    for place in places[:-1]:
-        panel.axhline(place + 0.5, color="0.93", linewidth=0.8)

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.studies.table1_data import (
+    ALL_ROWS,
     PAPER_JOINTS,
     PARTS,
     PERCEPTRON,
-    ROWS,
     TOPOLOGIES,
     Row,
     paper_table,
@@ -34,7 +34,15 @@ if TYPE_CHECKING:
 SCHEMA: Final = 1
 SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them
 SPLITS: Final = (SEQUENCES, SCAFFOLDS)
-_SLOWER: Final = (None, "lstm-2", "lstm-fcl", PERCEPTRON, "transformer")  # one than the other
+_SLOWER: Final = (
+    None,
+    "lru",
+    "gru",
+    "lstm-2",
+    "lstm-fcl",
+    PERCEPTRON,
+    "transformer",
+)  # one than the other
 _DIGITS: Final = 10  # of the digest in a file name
 SPLIT_WORDS: Final = {SEQUENCES: "random", SCAFFOLDS: "by scaffold"}  # in tables
 SPLIT_NAMES: Final = {
@@ -89,9 +97,9 @@ class Protocol(Declared):
         Args:
             digests: sha256 of the data.
         """
-        topologies = [row for row in TOPOLOGIES.values() if row not in ROWS]
-        once = [(SEQUENCES, row) for row in ROWS]
-        once += [(SCAFFOLDS, row) for row in ROWS]
+        topologies = [row for row in TOPOLOGIES.values() if row not in ALL_ROWS]
+        once = [(SEQUENCES, row) for row in ALL_ROWS]
+        once += [(SCAFFOLDS, row) for row in ALL_ROWS]
         once += [(SEQUENCES, row) for row in topologies]
         once.sort(key=lambda item: _SLOWER.index(item[1].model))
         return tuple(
@@ -119,7 +127,7 @@ class Trial:
     def identity(self) -> dict[str, Any]:
         """All that the figures depend on, as JSON values; not the device they come from."""
         settings = asdict(self.settings)
-        del settings["device"]
+        del settings["device"], settings["patience"]  # the paper has none
         identity = {
             "schema": SCHEMA,
             "row": asdict(self.row),
@@ -297,7 +305,7 @@ class Table:
         """Give split, part, row and figures of the whole table, in its order."""
         for split in SPLITS:
             for part in PARTS:
-                for row in ROWS:
+                for row in ALL_ROWS:
                     yield split, part, row, self.figures(row, part, split)
 
     def topologies(self) -> Iterable[tuple[str, int, int, Figures]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import time
 from dataclasses import dataclass, replace
 from importlib.metadata import version
@@ -105,11 +106,13 @@ class TrialRunner:
         data: The recordings.
         simulation: The identified rigid body, gives tau_RBD.
         device: Where networks are trained, of `TrainingSettings`.
+        unfinished: Folder in which trials that a kill may end are kept epoch by epoch.
     """
 
     data: TableData
     simulation: Simulation
     device: str = "auto"
+    unfinished: Path | None = None
 
     def run(self, trial: Trial, on_epoch: Callable[[Epoch], None] = lambda _: None) -> TrialResult:
         """Train and score one trial.
@@ -126,7 +129,10 @@ class TrialRunner:
         )
         network, epochs, device = None, 0, "cpu"
         if trial.row.model is not None:
-            fitted = fit_prepared(prepared, settings, on_epoch)
+            kept = self.unfinished and self.unfinished / trial.file_name
+            fitted = fit_prepared(prepared, settings, on_epoch, kept)
+            if kept is not None:
+                shutil.rmtree(kept, ignore_errors=True)
             network = fitted.network
             epochs, device = len(fitted.record["epochs"]), str(fitted.record["device"])
         # The MSE of each part and joint [(N m)²]

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 import copy
+import json
+import pickle
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from functools import cached_property
+from hashlib import sha256
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -14,9 +18,11 @@ from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING
 from estimators.hybrid.training.settings import DEVICES, WIDTHS, TrainingSettings, require_torch
 from estimators.neural import NETWORKS
 from limo_driver.errors import ConfigError, DivergedError
+from limo_driver.runtime.outputs import whole
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Iterator
+    from pathlib import Path
 
     import torch
     from numpy.typing import NDArray
@@ -47,6 +53,7 @@ def fit_prepared(
     data: TrainingData,
     settings: TrainingSettings,
     on_epoch: Callable[[Epoch], None] = lambda _: None,
+    unfinished: Path | None = None,
 ) -> FittedNetwork:
     """Train a network on data that are prepared already; as `train`, but without its errors.
 
@@ -54,21 +61,29 @@ def fit_prepared(
         data: What `prepare` gives for these settings.
         settings: How to train.
         on_epoch: Called after each epoch.
+        unfinished: Folder in which each epoch is kept, to go on from after a kill.
 
     Raises:
-        ConfigError: The device is not there.
+        ConfigError: The device is not there, or what was kept cannot be read.
         RecordingError: No stretch is as long as a sequence.
         DivergedError: The loss is no longer finite.
     """
     device = device_for(settings)
     features = settings.features_for(data.targets.shape[1])
+
+    def fit(seen: TrainingData, fold: int = 0) -> tuple[Network, list[Epoch]]:
+        """Train a network on the data of a fold."""
+        module = _build(settings, features).to(device)
+        passes = _passes(settings, seen, device)
+        kept = None if unfinished is None else unfinished / f"fold{fold}.pt"
+        training = _Training(module, passes, settings, fold, kept)
+        history = training.run(on_epoch)
+        return NETWORKS[settings.model](module.columns_of_parts(), module.weights()), history
+
     with _reproducible(settings.seed, device):
-        network, history = _fit(data, features, settings, device, on_epoch)
-        carried = carry_over(
-            data,
-            settings.folds,
-            lambda rest, fold: _fit(rest, features, settings, device, on_epoch, fold)[0],
-        )
+        network, history = fit(data)
+        carried = carry_over(data, settings.folds, lambda rest, fold: fit(rest, fold)[0])
+    left_out = {"hybrid": carried.rmse.tolist()}
     return FittedNetwork(
         features,
         network,
@@ -81,29 +96,22 @@ def fit_prepared(
             "settings": asdict(settings),
             "device": str(device),
             "epochs": [asdict(epoch) for epoch in history],
-            **_left_out(carried),
+            **({} if np.isnan(carried.rmse).any() else {"rmse": {"left_out": left_out}}),
         },
         standalone=settings.standalone,
     )
 
 
-def _left_out(carried: CarryOver) -> dict[str, Any]:
-    """Return the entry for errors on stretches left out, if there were any."""
-    if np.isnan(carried.rmse).any():
-        return {}
-    return {"rmse": {"left_out": {"hybrid": carried.rmse.tolist()}}}
-
-
 def device_for(settings: TrainingSettings) -> torch.device:
-    """Return where to train a network; `auto` leaves one without memory to the CPU.
+    """Return where to train a network; one without memory is always trained on the CPU.
 
     Its steps are so small that a GPU mostly waits for the next: an H100 took 12 times as long.
 
     Raises:
         ConfigError: The device is not there.
     """
-    alone = settings.device == "auto" and not NETWORKS[settings.model].recurrent
-    return find_device("cpu" if alone else settings.device)
+    found = find_device(settings.device)
+    return found if NETWORKS[settings.model].recurrent else find_device("cpu")
 
 
 def find_device(name: str) -> torch.device:
@@ -141,93 +149,152 @@ def _reproducible(seed: int, device: torch.device) -> Generator[None]:
 
 
 def _build(settings: TrainingSettings, features: Features) -> Module:
-    from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule, TransformerModule
+    from estimators.neural import modules
 
     columns, outputs = features.columns, 1
     hidden = settings.hidden or WIDTHS[settings.model]
     if settings.model == "mlp7":
-        return MlpModule(columns, hidden, outputs)
+        return modules.MlpModule(columns, hidden, outputs)
     if not features.own_joint:  # one network for all joints
         outputs, columns = features.n, columns[:1]
     if settings.model == "transformer":
         size = settings.sequence_length, hidden, settings.layers, settings.heads
-        return TransformerModule(columns, outputs, *size)
+        return modules.TransformerModule(columns, outputs, *size)
     if not features.own_joint:
         hidden = settings.hidden or columns.shape[1]
     if settings.model == "lstm-2":
-        return LstmModule(columns, (hidden, outputs))
-    return LstmFclModule(columns, hidden, outputs, settings.layers)
-
-
-def _fit(
-    data: TrainingData,
-    features: Features,
-    settings: TrainingSettings,
-    device: torch.device,
-    on_epoch: Callable[[Epoch], None],
-    fold: int = 0,
-) -> tuple[Network, list[Epoch]]:
-    """Train a network on the data of a fold."""
-    module = _build(settings, features).to(device)
-    passes = _passes(settings, data, device)
-    history = _descend(module, passes, settings, lambda epoch: on_epoch(replace(epoch, fold=fold)))
-    return NETWORKS[settings.model](module.columns_of_parts(), module.weights()), history
+        return modules.LstmModule(columns, (hidden, outputs))
+    if settings.model == "lru":
+        return modules.LruModule(columns, hidden, hidden, outputs)
+    cells = modules.GruModule if settings.model == "gru" else modules.LstmFclModule
+    return cells(columns, hidden, outputs, settings.layers)
 
 
 def _passes(settings: TrainingSettings, data: TrainingData, device: torch.device) -> Passes:
-    from estimators.hybrid.training.passes import (
-        BlockPasses,
-        CompiledRowPasses,
-        RowPasses,
-        SequencePasses,
-    )
+    from estimators.hybrid.training.passes import BlockPasses, RowPasses, SequencePasses
 
     random = np.random.default_rng(settings.seed)
     if not NETWORKS[settings.model].recurrent:
-        rows = CompiledRowPasses if device.type == "cpu" else RowPasses
-        return rows(data, settings.batch, random, device)
+        return RowPasses(data, settings.batch, random, device)
     passes = BlockPasses if settings.model == "transformer" else SequencePasses
     return passes(data, settings.batch, random, device, settings.sequence_length, settings.carried)
 
 
-def _descend(
-    module: Module, passes: Passes, settings: TrainingSettings, on_epoch: Callable[[Epoch], None]
-) -> list[Epoch]:
-    """Run the epochs and leave the weights in the module that are to be kept."""
-    import torch
+class _Training:
+    """The epochs of one network, each of which is kept in a file, to go on from after a kill."""
 
-    optimizer = torch.optim.AdamW(
-        module.parameters(),
-        lr=settings.learning_rate,
-        weight_decay=settings.weight_decay,
-        fused=True,  # one pass over each weight; a step of a small network is all overhead
-    )
-    plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(optimizer, factor=0.5, patience=_PATIENCE)
-    best, weights = np.inf, copy.deepcopy(module.state_dict())
-    history: list[Epoch] = []
-    judged = bool((passes.data.use == HELD_OUT).any())  # a fold of a short recording may have none
-    for number in range(1, settings.epochs + 1):
-        rate = float(optimizer.param_groups[0]["lr"])
-        if settings.schedule == "plateau" and rate < _SLOWEST * settings.learning_rate:
-            break
-        epoch = Epoch(number, *passes.epoch(module, optimizer), rate)
-        if not np.isfinite([epoch.training_loss, epoch.held_out_loss]).all():
-            raise DivergedError(
-                f"the loss is no longer finite in epoch {number}; lower the learning rate "
-                f"({settings.learning_rate:g}) or look for outliers in the torque"
-            )
-        history.append(epoch)
-        on_epoch(epoch)
-        if settings.schedule == "cosine":
-            cosine = (1.0 + np.cos(np.pi * number / settings.epochs)) / 2.0
-            optimizer.param_groups[0]["lr"] = settings.learning_rate * cosine
-        else:
-            plateau.step(epoch.training_loss)
-        loss = epoch.held_out_loss if judged else epoch.training_loss
-        if settings.keep == "last" or loss < best:
-            best, weights = loss, copy.deepcopy(module.state_dict())
-    module.load_state_dict(weights)
-    return history
+    def __init__(
+        self,
+        module: Module,
+        passes: Passes,
+        settings: TrainingSettings,
+        fold: int,
+        kept: Path | None,
+    ) -> None:
+        import torch
+
+        self.module, self.passes, self.settings, self.kept = module, passes, settings, kept
+        self.fold = fold
+        self.optimizer = torch.optim.AdamW(
+            module.parameters(),
+            lr=settings.learning_rate,
+            weight_decay=settings.weight_decay,
+            fused=True,  # one pass over each weight; a step of a small network is all overhead
+        )
+        self.plateau = torch.optim.lr_scheduler.ReduceLROnPlateau(
+            self.optimizer, factor=0.5, patience=_PATIENCE
+        )
+        self.parts = {"module": module, "optimizer": self.optimizer, "plateau": self.plateau}
+        self.history: list[Epoch] = []
+        self.best, self.best_epoch, self.weights = np.inf, 0, copy.deepcopy(module.state_dict())
+
+    def run(self, on_epoch: Callable[[Epoch], None]) -> list[Epoch]:
+        """Run the epochs that are left; leave the weights in the module that are to be kept."""
+        settings, seen = self.settings, self.passes.data.use
+        judged = bool((seen == HELD_OUT).any())  # a fold of a short recording may have none
+        self._go_on()
+        for epoch in self.history:
+            on_epoch(epoch)
+        for number in range(len(self.history) + 1, settings.epochs + 1):
+            rate = float(self.optimizer.param_groups[0]["lr"])
+            if settings.schedule == "plateau" and rate < _SLOWEST * settings.learning_rate:
+                break
+            if 0 < settings.patience < number - self.best_epoch:
+                break
+            losses = self.passes.epoch(self.module, self.optimizer)
+            if not np.isfinite(losses).all():
+                raise DivergedError(
+                    f"the loss is no longer finite in epoch {number}; lower the learning rate "
+                    f"({settings.learning_rate:g}) or look for outliers in the torque"
+                )
+            epoch = Epoch(number, *losses, rate, self.fold)
+            self.history.append(epoch)
+            if settings.schedule == "cosine":
+                cosine = (1.0 + np.cos(np.pi * number / settings.epochs)) / 2.0
+                self.optimizer.param_groups[0]["lr"] = float(settings.learning_rate * cosine)
+            else:
+                self.plateau.step(epoch.training_loss)
+            loss = epoch.held_out_loss if judged else epoch.training_loss
+            better = loss < self.best
+            if better:
+                self.best, self.best_epoch = loss, number
+            if better or settings.keep == "last":
+                self.weights = copy.deepcopy(self.module.state_dict())
+            self._keep()
+            on_epoch(epoch)
+        self.module.load_state_dict(self.weights)
+        return self.history
+
+    @cached_property
+    def _identity(self) -> str:
+        """Return a digest of settings and data: what another training left is not gone on from."""
+        data = self.passes.data
+        digest = sha256(repr(replace(self.settings, device="auto")).encode())
+        for values in (data.inputs, data.targets, data.use):
+            digest.update(values.tobytes())
+        return digest.hexdigest()
+
+    def _keep(self) -> None:
+        import torch
+
+        if self.kept is None:
+            return
+        values = {
+            **{name: part.state_dict() for name, part in self.parts.items()},
+            "identity": self._identity,
+            "random": json.dumps(self.passes.random.bit_generator.state),
+            "given": self.passes.memory,
+            "history": [asdict(epoch) for epoch in self.history],
+            "best": (float(self.best), self.best_epoch),
+            "weights": self.weights,
+        }
+        self.kept.parent.mkdir(parents=True, exist_ok=True)
+        with whole(self.kept) as draft:
+            torch.save(values, draft)
+
+    def _go_on(self) -> None:
+        """Take up what was kept of this training, if anything was."""
+        import torch
+
+        if self.kept is None or not self.kept.exists():
+            return
+        try:
+            values = torch.load(self.kept, map_location=self.passes.device, weights_only=True)
+            if values["identity"] != self._identity:
+                return
+            for name, part in self.parts.items():
+                part.load_state_dict(values[name])
+            self.passes.random.bit_generator.state = json.loads(values["random"])
+            for own, known in zip(self.passes.memory, values["given"], strict=True):
+                own.copy_(known)
+            self.history = [Epoch(**epoch) for epoch in values["history"]]
+            (self.best, self.best_epoch), self.weights = values["best"], values["weights"]
+        except (OSError, EOFError, RuntimeError, LookupError, TypeError, ValueError,
+                pickle.UnpicklingError):  # fmt: skip
+            raise ConfigError(
+                "cannot be read as an unfinished training; delete it to begin anew",
+                path=self.kept,
+            ) from None
 
 
 @dataclass(frozen=True)

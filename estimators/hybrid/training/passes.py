@@ -25,28 +25,17 @@ if TYPE_CHECKING:
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
 LARGEST_GRADIENT: Final = 1.0  # norm
-_EVALUATED_ROWS: Final = 16384
 _WEIGHTS: Final = ("hidden_weight", "hidden_bias", "output_weight", "output_bias")
 _MOMENTS: Final = ("exp_avg", "exp_avg_sq")
 
 
-class _Mean:
-    """Mean of squared errors, gathered batch by batch without waiting for the device."""
-
-    def __init__(self) -> None:
-        self.means: list[Tensor] = []
-        self.counts: list[int] = []
-
-    def add(self, mean: Tensor, count: int) -> None:
-        if count:
-            self.means.append(mean.detach())
-            self.counts.append(count)
-
-    @property
-    def value(self) -> float:
-        if not self.means:
-            return 0.0
-        return float(np.average(torch.stack(self.means).cpu().numpy(), weights=self.counts))
+def _mean(found: list[tuple[Tensor, int]]) -> float:
+    """Return the mean of means by their counts, for which the device is waited for once."""
+    known = [(mean, count) for mean, count in found if count]
+    if not known:
+        return 0.0
+    means, counts = zip(*known, strict=True)
+    return float(np.average(torch.stack(means).cpu().numpy(), weights=counts))
 
 
 class Passes(ABC):
@@ -66,6 +55,11 @@ class Passes(ABC):
         self.inputs = torch.from_numpy(data.inputs).to(device)
         self.targets = torch.from_numpy(data.targets).to(device)
 
+    @property
+    def memory(self) -> list[Tensor]:
+        """What an epoch hands on to the next, besides weights and random state."""
+        return []
+
     @abstractmethod
     def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train for one pass; return training and held-out loss."""
@@ -76,40 +70,6 @@ class Passes(ABC):
 
     def _on_device(self, values: NDArray[np.int64]) -> Tensor:
         return torch.from_numpy(values).to(self.device)
-
-
-class RowPasses(Passes):
-    """For networks without memory; `CompiledRowPasses` does the same on a CPU, and sooner."""
-
-    def __init__(
-        self, data: TrainingData, batch: int, random: np.random.Generator, device: torch.device
-    ) -> None:
-        super().__init__(data, batch, random, device)
-        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
-
-    def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
-        """Train on shuffled rows, then evaluate the held-out ones."""
-        training, held_out = _Mean(), _Mean()
-        for x, y in self._batches(self.shuffled(), self.batch):
-            loss = torch.nn.functional.mse_loss(module(x), y)
-            _descend(loss, module, optimizer)
-            training.add(loss, len(x))
-        with torch.no_grad():
-            for x, y in self._batches(self.held_out, _EVALUATED_ROWS):
-                held_out.add(torch.nn.functional.mse_loss(module(x), y), len(x))
-        return training.value, held_out.value
-
-    def shuffled(self) -> NDArray[np.int64]:
-        """Draw the rows of an epoch, in order."""
-        rows = np.flatnonzero(self.data.use == TRAINING)[self._phase() :: self.data.stride]
-        return self.random.permutation(rows)
-
-    def _batches(self, rows: NDArray[np.int64], size: int) -> Iterator[tuple[Tensor, Tensor]]:
-        """Give inputs and targets of rows, gathered at once: cheaper than batch by batch."""
-        order = self._on_device(rows)
-        x, y = self.inputs.index_select(0, order), self.targets.index_select(0, order)
-        if len(rows):
-            yield from zip(x.split(size), y.split(size), strict=True)
 
 
 class SequencePasses(Passes):
@@ -159,17 +119,18 @@ class SequencePasses(Passes):
         starts = self.random.permutation(self._starts())
         rows = starts[:, None] + self.data.stride * np.arange(self.chunk)
         trained = (self.data.use[rows] == TRAINING).any(axis=1)
-        training, held_out = _Mean(), _Mean()
+        training: list[tuple[Tensor, int]] = []
+        held_out: list[tuple[Tensor, int]] = []
         for squares, use in self._scan(module, rows[trained]):
             loss, count = _mean_at(squares, use == TRAINING)
             if count:
                 _descend(loss, module, optimizer)
-                training.add(loss, count)
-            held_out.add(*_mean_at(squares.detach(), use == HELD_OUT))
+                training.append((loss.detach(), count))
+            held_out.append(_mean_at(squares.detach(), use == HELD_OUT))
         with torch.no_grad():
             for squares, use in self._scan(module, rows[~trained]):
-                held_out.add(*_mean_at(squares, use == HELD_OUT))
-        return training.value, held_out.value
+                held_out.append(_mean_at(squares, use == HELD_OUT))
+        return _mean(training), _mean(held_out)
 
     def _scan(
         self, module: Module, rows: NDArray[np.int64]
@@ -228,6 +189,11 @@ class BlockPasses(SequencePasses):
         """Its output for each row in the epoch before, (T, n); written to as it goes."""
         return torch.zeros_like(self.targets)
 
+    @property
+    def memory(self) -> list[Tensor]:
+        """The outputs of the epoch before."""
+        return [self.given]
+
     def _predict(
         self,
         module: Module,
@@ -256,7 +222,7 @@ def _descend(loss: Tensor, module: Module, optimizer: torch.optim.Optimizer) -> 
     optimizer.step()
 
 
-class CompiledRowPasses(RowPasses):
+class RowPasses(Passes):
     """For perceptrons on a CPU; leaves module and optimizer as PyTorch's own steps would."""
 
     def __init__(
@@ -264,10 +230,12 @@ class CompiledRowPasses(RowPasses):
     ) -> None:
         super().__init__(data, batch, random, device)
         self.pools = ThreadpoolController()
+        self.held_out = np.flatnonzero(data.use == HELD_OUT)[:: data.stride]
 
     def epoch(self, module: Module, optimizer: torch.optim.Optimizer) -> tuple[float, float]:
         """Train on shuffled rows, then evaluate the held-out ones."""
         data = self.data
+        rows = np.flatnonzero(data.use == TRAINING)[self._phase() :: data.stride]
         parameters = [module.get_parameter(name) for name in _WEIGHTS]
         states = [_state(optimizer, parameter) for parameter in parameters]
         weights = tuple(_flat(parameter) for parameter in parameters)
@@ -290,7 +258,7 @@ class CompiledRowPasses(RowPasses):
             return loss
 
         with self.pools.limit(limits=1, user_api="blas"):  # such products are not worth sharing out
-            training = self._mean(self.shuffled(), train)
+            training = self._mean(self.random.permutation(rows), train)
             return training, self._mean(self.held_out, lambda rows: mean_square(*fixed, rows))
 
     def _mean(self, rows: NDArray[np.int64], loss: Callable[[NDArray[np.int64]], float]) -> float:

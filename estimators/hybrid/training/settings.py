@@ -17,9 +17,11 @@ SPLITS: Final = ("blocks", "sequences", "recordings")
 KEEPS: Final = ("best", "last")
 DEVICES: Final = ("auto", "cpu", "cuda")
 # Hidden units for one joint, and the width of a transformer.
-WIDTHS: Final = {"mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "transformer": 32}
-_LSTM_LAYERS: Final = 2  # at most, as in the paper's comparison of topologies
-_PAPER_HIDDEN: Final = {"mlp7": 100, "lstm-2": 35, "lstm-fcl": 35, "transformer": 32}
+WIDTHS: Final = {
+    "mlp7": 100, "lstm-2": 16, "lstm-fcl": 16, "gru": 16, "lru": 16, "transformer": 32
+}  # fmt: skip
+_LAYERS: Final = {"mlp7": 1, "lstm-2": 1, "lstm-fcl": 2, "gru": 2, "lru": 1}  # at most
+_PAPER_HIDDEN: Final = WIDTHS | dict.fromkeys(("lstm-2", "lstm-fcl", "gru", "lru"), 35)
 _PAPER_LAYERS: Final = {"transformer": 2}  # 1 for the others
 
 
@@ -36,7 +38,7 @@ class TrainingSettings(Declared):
     of `sequence_length`, which are more alike than any motion of use is.
 
     Args:
-        model: Of network: mlp7, lstm-2, lstm-fcl, transformer.
+        model: Of network: mlp7, lstm-2, lstm-fcl, gru, lru, transformer.
         features: Inputs: all-joints, own-joint or drive.
         epochs: Passes over the motion, at least 1.
         seed: Of every random draw.
@@ -49,17 +51,20 @@ class TrainingSettings(Declared):
         weight_decay: Of AdamW.
         held_out: Part of the motion, between 0 and 1.
         folds: Stretches of motion that judge how the network carries over; 1: none do.
-        hidden: Units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, 32 for a
-            transformer's d_model.
-        layers: LSTM layers of an lstm-fcl (1 or 2); encoder and decoder layers, each.
+        hidden: Units of each part; 0: 100 for mlp7, as many as inputs for one shared LSTM, GRU
+            or LRU, 32 for a transformer's d_model.
+        layers: Cells of an lstm-fcl or gru, one above the other (1 or 2); encoder and decoder
+            layers, each.
         heads: Of a transformer's attention.
         without: Quantities left out of the features, by name.
         standalone: The network alone: no rigid body among its inputs, none added to it.
         split: How motion is held out: blocks, sequences, recordings.
         carried: Sequences that a recurrent memory is carried through; 1: the paper's.
         keep: Weights that are the best on held-out motion, or the last ones (the paper's).
-        device: cpu, cuda, or auto: a GPU where PyTorch sees one, but for an mlp7, which a CPU
-            trains sooner.
+        patience: Epochs without a lower held-out loss after which training ends; 0: never, as in
+            the paper.
+        device: cpu, cuda, or auto: a GPU where PyTorch sees one; an mlp7 is trained on the CPU,
+            which is sooner.
 
     Raises:
         ConfigError: A setting names nothing known or cannot be; the message says which.
@@ -90,6 +95,7 @@ class TrainingSettings(Declared):
     split: str = parameter("", of=SPLITS, default="blocks")
     carried: int = _above_zero("", 10)
     keep: str = parameter("", of=KEEPS, default="best")
+    patience: int = parameter("", lower=0, default=20)
     device: str = parameter("", of=DEVICES, default="auto")
 
     def __post_init__(self) -> None:
@@ -101,8 +107,7 @@ class TrainingSettings(Declared):
                 f"rate = {self.rate:g} Hz has to be {self.bandwidth:g} Hz, the bandwidth, or more: "
                 "slower samples miss whole swings of the motion"
             )
-        most = {"mlp7": 1, "lstm-2": 1, "lstm-fcl": _LSTM_LAYERS}.get(self.model)
-        if most is not None and self.layers > most:
+        if self.layers > (most := _LAYERS.get(self.model, self.layers)):
             raise ConfigError(
                 f"layers = {self.layers}, but {self.model} is built with at most {most}"
             )
@@ -110,6 +115,11 @@ class TrainingSettings(Declared):
         if self.model == "transformer" and width % self.heads:
             raise ConfigError(f"hidden = {width} has to be a multiple of heads = {self.heads}")
         self.features_for(1)
+
+    def following(self, bandwidth: float) -> TrainingSettings:
+        """Return the settings for a bandwidth [Hz], with samples that are fast enough for it."""
+        rate = self.rate and max(self.rate, bandwidth)
+        return replace(self, bandwidth=bandwidth, rate=rate)
 
     def features_for(self, n: int) -> Features:
         """Return the inputs of the network of an arm with n joints.
@@ -134,16 +144,17 @@ class TrainingSettings(Declared):
         return features
 
 
-def usual_settings(features: str) -> TrainingSettings:
+def usual_settings(features: str, model: str = "mlp7") -> TrainingSettings:
     """Return the settings that suit a feature set: the defaults but for what follows.
 
     The few inputs of `drive` are learned within fewer passes and samples; more of either only teach
-    the recordings by heart.
+    a network without memory the recordings by heart. One with memory takes few steps in a pass.
     """
-    settings = TrainingSettings(features=features)
-    if features == "drive":
-        return replace(settings, epochs=20, rate=50.0, learning_rate=3e-3)
-    return settings
+    settings = TrainingSettings(model=model, features=features)
+    if features != "drive":
+        return settings
+    epochs = settings.epochs if NETWORKS[model].recurrent else 20
+    return replace(settings, epochs=epochs, rate=50.0, learning_rate=3e-3)
 
 
 def paper_settings(
@@ -163,7 +174,7 @@ def paper_settings(
     are answered, where the paper answers the last, and inputs are clipped to what training saw.
 
     Args:
-        model: mlp7, lstm-2, lstm-fcl or transformer.
+        model: mlp7, lstm-2, lstm-fcl, gru, lru or transformer.
         sequence_length: Samples T of a sub-sequence; the paper has 100 and 500.
         without: Quantities left out of the inputs, such as rotation_since_reversal.
         standalone: Without rigid-body torque, in the input and in the output.
@@ -192,6 +203,7 @@ def paper_settings(
         split="sequences",
         carried=1,
         keep="last",
+        patience=0,
     )
 
 

@@ -97,11 +97,8 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
         return estimator.unfitted(champion.simulation, champion.bandwidth).fit([recording])
     from estimators.hybrid.training.settings import usual_settings
 
-    if wanted in NETWORKS:
-        settings = replace(usual_settings("drive"), model=wanted)
-    else:
-        settings = _settings_of(champion)
-    settings = replace(settings, bandwidth=champion.bandwidth, device="cpu")
+    known = usual_settings("drive", wanted) if wanted in NETWORKS else _settings_of(champion)
+    settings = replace(known, bandwidth=champion.bandwidth, device="cpu")
     return HybridModel(champion.simulation, settings).fit([recording])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from typing import TYPE_CHECKING, Any, Final
 
 import typer
@@ -50,24 +51,25 @@ class NetworkOptions:
     Args:
         features: Inputs: all-joints (the paper's), own-joint (a network for each joint sees that
             joint only), drive (of that joint, what friction and elasticity of a drive depend on).
-        epochs: Passes over the recordings; 100, or 20 with drive.
+        epochs: Passes over the recordings; 100, or 20 of an mlp7 with drive.
         seed: Seed; the same gives the same weights.
         bandwidth: Bandwidth of the zero-phase filter on motion and torque [Hz]; if not given, that
             of the simulation, or 10 unless another predicts motion held out much better.
         rate: Rate of the network's samples [Hz], to which faster recordings are thinned; 200, or 50
-            with drive.
-        sequence_length: Samples that an LSTM is differentiated through, or a transformer looks back
-            over.
+            with drive, or the bandwidth where that is more.
+        sequence_length: Samples that a network with memory is differentiated through, or a
+            transformer looks back over.
         batch: Rows (mlp7) or sequences (others) of a step.
         hidden: Hidden units of a network; 0: as the paper.
-        layers: LSTM layers of lstm-fcl, 1 or 2; of a transformer's coders.
+        layers: Layers of cells of lstm-fcl or gru, 1 or 2; of a transformer's coders.
         schedule: How the step shrinks: cosine, plateau (the paper's).
         learning_rate: Initial step of AdamW; 1e-3, or 3e-3 with drive.
         weight_decay: Weight decay of AdamW.
         held_out: Part of the motion, in blocks, that training does not see.
         folds: Stretches of motion, each predicted by a network that did not see it, that judge the
             gain of each joint; 1: none do, and the gain is 1.
-        device: cpu, cuda, or auto: a GPU if there is one, but for an mlp7.
+        patience: Epochs without a lower held-out loss after which training ends; 0: never.
+        device: cpu, cuda, or auto: a GPU if there is one; an mlp7 is trained on the CPU.
     """
 
     features: str = "all-joints"
@@ -84,6 +86,7 @@ class NetworkOptions:
     weight_decay: float = 0.01
     held_out: float = 0.2
     folds: int = 3
+    patience: int = 20
     device: str = "auto"
 
 
@@ -113,7 +116,8 @@ def command(
     the rotation since the last reversal. Its part is scaled, joint by joint, by how much of it is
     confirmed by motion not trained on. joint-physics is no network: it fits friction, hysteresis,
     elasticity and errors of the rigid body joint by joint in closed form, needs little motion, and
-    says how sure it is. The folder holds weights, manifest and simulation, and is all that
+    says how sure it is. A network whose training was killed goes on where it was when the same
+    command runs again. The folder holds weights, manifest and simulation, and is all that
     `limo evaluate` needs; report.html shows what was tried and how large errors are,
     and card.md says on what data, for which robot and within which limits.
 
@@ -126,7 +130,8 @@ def command(
         sim: The identified simulation, a sim.yaml.
         out: Model folder to write.
         model: auto, the best on motion held out; joint-physics; a network: mlp7, lstm-2, lstm-fcl,
-            transformer; or an estimator that another package registers.
+            gru, lru (a linear state space), transformer; or an estimator that another package
+            registers.
         sweep: Train with every setting of this space.yaml; OUT is a folder of all.
         test: With --sweep: recording on which each network is evaluated.
         as_json: Print the figures as JSON.
@@ -181,8 +186,8 @@ def command(
     settings, most = None, float("inf")
     if model in NETWORKS:
         chosen = {name: value for name, value in vars(network).items() if value is not None}
-        settings = replace(usual_settings(network.features), model=model, **chosen)
-        most = settings.rate or most
+        settings = replace(usual_settings(network.features, model), **chosen)
+        most = most if network.rate is None else settings.rate or most
     else:
         refuse_options(context, _OF_EVERY_MODEL, f"is of networks; {model} has no such choice")
     simulation, measured = _load(recordings, sim, out, mapping)
@@ -192,8 +197,9 @@ def command(
     if model == AUTO:
         trained = _train_best(simulation, measured, width, quiet=as_json)
     else:
-        trained = _train(simulation, measured, model, width, settings)
+        trained = _train(simulation, measured, model, width, settings, out / _UNFINISHED)
     trained.save(out)
+    rmtree(out / _UNFINISHED, ignore_errors=True)
     page, card = save_training(trained, measured, out)
     _show(trained, out, width, as_json=as_json)
     terminal(stderr=True, soft_wrap=True).print(f"wrote {out} with {page.name} and {card.name}")
@@ -237,17 +243,16 @@ def _train(
     model: str,
     bandwidth: float,
     settings: TrainingSettings | None,
+    unfinished: Path,
 ) -> ResidualModel[Any]:
     """Train a network behind a progress bar, or any other model."""
-    from dataclasses import replace
-
     from rich.progress import BarColumn, TimeRemainingColumn
 
     from limo_driver.app.library.learning import train
 
     if settings is None:
         return train(simulation, recordings, model, bandwidth=bandwidth)
-    settings = replace(settings, bandwidth=bandwidth)
+    settings = settings.following(bandwidth)
     epochs, trainings = settings.epochs, settings.folds + 1 if settings.folds > 1 else 1
     with progress("{task.description}", BarColumn(), TimeRemainingColumn()) as bar:
         task = bar.add_task("computing inputs", total=trainings * epochs)
@@ -261,7 +266,10 @@ def _train(
                 f"loss {epoch.training_loss:.4f}  held-out {epoch.held_out_loss:.4f}",
             )
 
-        return train(simulation, recordings, model, settings=settings, progress=on_epoch)
+        return train(
+            simulation, recordings, model, settings=settings, progress=on_epoch,
+            unfinished=unfinished,
+        )  # fmt: skip
 
 
 def _train_best(
@@ -332,4 +340,5 @@ _OF_EVERY_MODEL: Final = frozenset(
     ("recordings", "sim", "out", "model", "bandwidth", "mapping", "as_json")
 )
 _OF_NETWORKS: Final = frozenset(item.name for item in fields(NetworkOptions)) - _OF_EVERY_MODEL
+_UNFINISHED: Final = "unfinished"  # folder of a network that is being trained, in that of the model
 _COMPARED: Final = 0.7  # of the work; the rest is training

@@ -334,6 +334,7 @@ def train(
     bandwidth: float | None = None,
     settings: TrainingSettings | None = None,
     progress: Callable[[Epoch], None] | None = None,
+    unfinished: Path | str | None = None,
 ) -> ResidualModel[Any]:
     """Learn the torque that a simulation leaves unexplained.
 
@@ -341,12 +342,14 @@ def train(
         simulation: Normally an identified one, or its file.
         recordings: Of its robot: one or several, or their files.
         model: `joint-physics`, fitted in closed form with standard deviations; a network: mlp7,
-            lstm-2, lstm-fcl, transformer; an estimator of another distribution; or `auto`, which
-            compares a few on motion held out.
+            lstm-2, lstm-fcl, gru, lru, transformer; an estimator of another distribution; or
+            `auto`, which compares a few on motion held out.
         bandwidth: Of the zero-phase filter on motion and torque [Hz]; if not given, that of
             `settings` or of the simulation, or else found on motion held out.
         settings: Of a network's training; the usual ones if not given. `model` is its name.
         progress: Told each epoch of a network's training.
+        unfinished: Folder in which a network is kept epoch by epoch; the same training with it goes
+            on after a kill, and gives the same.
 
     Returns:
         The fitted model; `save` writes its folder.
@@ -387,5 +390,6 @@ def train(
         width, _ = fitting_bandwidth(simulation, measured, bandwidth, most)
         chosen = replace(chosen, bandwidth=width)
     hybrid = HybridModel(simulation, chosen)
-    hybrid.fitted_ = fitted(simulation, measured, chosen, on_epoch)
+    kept = None if unfinished is None else Path(unfinished)
+    hybrid.fitted_ = fitted(simulation, measured, chosen, on_epoch, kept)
     return hybrid

@@ -31,7 +31,13 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 RATE = 200.0
-NETWORKS = [("mlp7", "drive"), ("lstm-fcl", "own-joint"), ("lstm-2", "all-joints")]
+NETWORKS = [
+    ("mlp7", "drive"),
+    ("lstm-fcl", "own-joint"),
+    ("lstm-2", "all-joints"),
+    ("gru", "own-joint"),
+    ("lru", "drive"),
+]
 SINGLE = 3e-7  # of the leverage: inputs apart by 1e-13 may round to different floats
 OK, NOT_FINITE, TIME_STOOD, TORQUE_CHANGED = range(4)
 

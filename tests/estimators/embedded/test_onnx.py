@@ -47,7 +47,7 @@ def own(model: HybridModel, features: FloatArray) -> FloatArray:
 
 @sampled(
     ("kind", "features"),
-    [("mlp7", "drive"), ("lstm-fcl", "own-joint"), ("lstm-2", "all-joints")],
+    [("mlp7", "drive"), ("lstm-fcl", "own-joint"), ("lstm-2", "all-joints"), ("gru", "drive")],
     "exports each network",
 )
 def test_it_equals_the_network_in_portions_of_any_size(

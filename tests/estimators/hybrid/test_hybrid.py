@@ -156,7 +156,7 @@ def edit(folder: Path, **changes: object) -> None:
         ({"schema": 2}, "schema is not 1"),
         (
             {"network": "gpt"},
-            "network is 'gpt', expected one of mlp7, lstm-2, lstm-fcl, transformer",
+            "network is 'gpt', expected one of mlp7, lstm-2, lstm-fcl, gru, lru, transformer",
         ),
         ({"joints": ["a", "b"]}, "joints a, b, but sim.yaml of shoulder, elbow"),
         ({"inputs": []}, "inputs: number 1 is nothing"),

@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 
 from estimators.hybrid.features import feature_set
-from estimators.neural import Lstm2, LstmFcl, Mlp, Transformer
-from estimators.neural.modules import LstmFclModule, LstmModule, MlpModule, TransformerModule
+from estimators.neural import Gru, Lru, Lstm2, LstmFcl, Mlp, Transformer
+from estimators.neural.modules import (
+    GruModule,
+    LruModule,
+    LstmFclModule,
+    LstmModule,
+    MlpModule,
+    TransformerModule,
+)
 from estimators.neural.transformer import position_encoding
 from limo_driver.errors import ModelStoreError
 
@@ -43,6 +50,10 @@ LSTMS = {
     "own-joint": (LstmFcl, lambda: LstmFclModule(OWN, 8, 1)),
     "lstm-2": (Lstm2, lambda: LstmModule(ALL[:1], (35, 7))),
     "lstm-2 own-joint": (Lstm2, lambda: LstmModule(OWN, (8, 1))),
+    "gru": (Gru, lambda: GruModule(ALL[:1], 35, 7, layers=2)),
+    "gru own-joint": (Gru, lambda: GruModule(OWN, 8, 1)),
+    "lru": (Lru, lambda: LruModule(ALL[:1], 12, 35, 7)),
+    "lru own-joint": (Lru, lambda: LruModule(OWN, 8, 6, 1)),
 }
 
 
@@ -72,6 +83,27 @@ def test_scanning_an_lstm_by_the_sample_equals_scanning_the_whole(
     for t in range(60):
         y, memory = network.advance(memory, x[t : t + 1])
         np.testing.assert_allclose(y[0], whole[t], atol=1e-12)
+
+
+def test_a_gru_is_that_of_torch() -> None:
+    theirs = torch.nn.GRU(5, 4, batch_first=True).double()
+    torch.nn.init.zeros_(theirs.bias_hh_l0)
+    weights = {"output_weight": np.eye(4)[None], "output_bias": np.zeros((1, 4))}
+    weights["gate_bias"] = theirs.bias_ih_l0.detach().numpy()[None]
+    for name, of in (("input", theirs.weight_ih_l0), ("recurrent", theirs.weight_hh_l0)):
+        weights[f"{name}_weight"] = of.detach().numpy().T[None]
+    network, x = Gru(np.arange(5)[None], weights), inputs(np.arange(5), 40)
+    y, _ = network.advance(network.init(1), x)
+    expected = theirs(torch.from_numpy(x)[None])[0][0].detach().numpy()
+    np.testing.assert_allclose(y, expected, atol=1e-12)
+
+
+def test_states_of_an_lru_start_with_paces_from_samples_to_seconds_and_fade() -> None:
+    network = Lru(OWN, LruModule(OWN, 16, 8, 1).double().weights())
+    real, imaginary = network.weights["transition"].transpose(1, 0, 2)
+    kept = np.hypot(real, imaginary)
+    assert (kept < 1.0).all()
+    assert kept.min() < np.exp(-1 / 20) < np.exp(-1 / 50) < kept.max()
 
 
 def test_a_strided_lstm_is_one_lstm_for_each_phase() -> None:

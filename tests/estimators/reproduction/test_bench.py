@@ -25,7 +25,10 @@ def test_a_slide_is_identified_as_well_as_by_the_procedure_of_its_authors(tmp_pa
     for name, frequency in zip(EMPS, (0.7, 0.5), strict=True):
         slide(tmp_path / name, frequency)
     rows = {row.who: row for row in bench(tmp_path)}
-    assert set(rows) == {"IDIM-LS", "limo identify", "limo train --model joint-physics"}
+    networks = {f"limo train --model {kind} --features drive" for kind in ("mlp7", "gru", "lru")}
+    learned = {"limo train", "limo train --model joint-physics"}
+    assert set(rows) == {"IDIM-LS", "limo identify"} | learned | networks
+    assert max(rows[who].figure for who in learned | networks) < 2.0 * rows["IDIM-LS"].figure
     assert rows["IDIM-LS"].figure < 15.0
     assert rows["limo identify"].figure < 2.0 * rows["IDIM-LS"].figure
 

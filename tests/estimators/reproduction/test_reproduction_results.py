@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import os
 import signal
@@ -19,17 +18,17 @@ from one_file import check_page, drawn, title_of
 from table_data import write_data
 
 from estimators.studies import table1_data as r
-from estimators.studies.table1_claims import CLAIMS, best, judge, write
+from estimators.studies.table1_claims import CLAIMS, judge, write
 from estimators.studies.table1_data import (
+    ALL_ROWS,
     PARTS,
-    ROWS,
     TOPOLOGIES,
     TableData,
     paper_table,
     physics_digest,
     rigid_body,
 )
-from estimators.studies.table1_page import draw, table_page
+from estimators.studies.table1_page import table_page
 from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,
@@ -41,7 +40,6 @@ from estimators.studies.table1_results import (
 )
 from limo_driver.app.cli import main
 from limo_driver.model import RobotModel
-from limo_driver.quoting import in_markdown
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -161,14 +159,6 @@ def test_claims_of_one_run_or_none_say_so(data: TableData) -> None:
     assert {j.factor for j in nothing} == {None}
 
 
-def test_the_best_row_is_named_beside_the_papers(data: TableData) -> None:
-    assert best(table_of(data, {0: 1.0}), "validation", SEQUENCES) == (
-        "MLP-7 with tau_rbd,r",
-        "MLP-7 with tau_rbd,r",
-    )
-    assert best(table_of(data, {}), "validation", SEQUENCES) is None
-
-
 @sampled("done", [{}, {0: 1.0}, {0: 1.0, 1: 1.2, 2: 0.9}], "draws all pictures each")
 def test_the_page_says_what_is_best_and_what_is_not_known_yet(
     data: TableData, done: dict[int, float]
@@ -188,33 +178,20 @@ def test_files_have_every_row_even_before_it_is_done(data: TableData, tmp_path: 
     done = next(t for t in trials if (t.row, t.split) == (r.MLP, SEQUENCES))
     table = Table(data, PROTOCOL, (result(done, 1.0),))
     write(table, tmp_path)
-    draw(table, tmp_path / "table1.png")
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        *("claims.md", "table1.csv", "table1.json", "table1.md", "table1.png"),
-    ]
-    with (tmp_path / "table1.csv").open() as file:
-        lines = list(csv.DictReader(file))
-    assert len(lines) == 2 * 3 * 14
-    (line,) = (line for line in lines if line["runs"] != "0" and line["part"] == "test")
-    assert (line["architecture"], line["split"]) == ("MLP-7", "sequences")
-    assert float(line["joint_2"]) == float(line["joint_2_paper"]) == 207.1595
-    assert line["left"] == "2"
-    text = (tmp_path / "table1.md").read_text()
-    assert "| LSTM-2 100 | 0, 3 left | - (0.6039) |" in text
-    assert "made by random sinusoids" in text
-    assert "; 1 of 99 trials done" in text
+    assert [path.name for path in tmp_path.iterdir()] == ["table1.json"]
+    page = table_page(table).html()
+    for shown in ("0, 3 left", "- (0.6039)", "made by random sinusoids", "; 1 of 111 trials done"):
+        assert shown in page
     values = json.loads((tmp_path / "table1.json").read_text())
-    assert len(values["table"]) == 84
+    assert len(values["table"]) == 2 * 3 * 16
+    (line,) = (line for line in values["table"] if line["runs"] and line["part"] == "test")
+    assert (line["architecture"], line["split"]) == ("MLP-7", "sequences")
+    assert line["mean"][1] == line["paper"][1] == 207.1595
+    assert line["left"] == 2
     assert len(values["topologies"]) == 18
     assert {item["verdict"] for item in values["claims"]} == {"-"}
-    claims = (tmp_path / "claims.md").read_text()
-    assert all(claim.title in claims for claim in CLAIMS)
-    assert (
-        "No judgement of the paper: the networks were trained for 1 epoch, the paper's for 100."
-        in (claims)
-    )
-    write(Table(data, Protocol(), ()), tmp_path)
-    assert "No judgement" not in (tmp_path / "claims.md").read_text()
+    assert "No judgement of the paper: networks were trained for 1 of its 100 epochs" in page
+    assert "No judgement" not in table_page(Table(data, Protocol(), ())).html()
 
 
 @pytest.mark.slow("draws all pictures each")
@@ -237,18 +214,13 @@ def test_beside_another_arm_stand_only_the_papers_factors(
     table, out = Table(data, ONCE, found), tmp_path / "out"
     out.mkdir()
     write(table, out)
-    draw(table, out / "table1.png")
-    text = (out / "table1.md").read_text()
-    joints = " | ".join(f"joint {j + 1}" for j in range(n))
-    assert f"| architecture | runs | {joints} | average |" in text
-    assert f"| RBD | 1 |{' 2.0000 |' * (n + 1)}" in text
-    assert "in brackets" not in text
-    told = f"samples of {name} at 100 Hz, 40 s with 5 scaffolds; validation 12 s."
-    assert in_markdown(told) in text
-    with (out / "table1.csv").open() as file:
-        lines = list(csv.DictReader(file))
-    assert {line[f"joint_{n}_paper"] for line in lines} == {""}
+    page = table_page(table).html().replace("\xa0", " ")
+    assert f"joint {n}</th>" in page
+    assert f"joint {n + 1}" not in page
+    assert "in brackets" not in page
+    assert f"samples of {name} at 100 Hz, 40 s with 5 scaffolds; validation 12 s." in page
     values = json.loads((out / "table1.json").read_text())
+    assert {line["paper"] for line in values["table"]} == {None}
     assert len(values["columns"]) == n + 1
     first = values["claims"][0]
     assert (first["factor"], first["paper"]) == (1.0, pytest.approx(202, abs=1))
@@ -303,7 +275,7 @@ def nearly_done(data: TableData, tmp_path: Path) -> Path:
     for trial in ONCE.trials(data.digests):
         if trial.split != SEQUENCES or trial.row not in LEFT:
             store.save(result(trial, 1.0))
-    assert len(finished(out)) == 33 - len(LEFT)
+    assert len(finished(out)) == 37 - len(LEFT)
     return out
 
 
@@ -314,7 +286,7 @@ def test_a_killed_command_goes_on_where_it_was(folder: Path, nearly_done: Path, 
         "reproduce", "table1", "--data", folder, "--out", out, "--device", "cpu",
         "--runs", ONCE.runs, "--epochs", ONCE.epochs, "--jobs", 1,
     )  # fmt: skip
-    given, table = finished(out), out / "table1.md"
+    given, table = finished(out), out / "table1.json"
     with subprocess.Popen(
         command_line(*arguments), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as first:
@@ -323,16 +295,17 @@ def test_a_killed_command_goes_on_where_it_was(folder: Path, nearly_done: Path, 
             time.sleep(0.05)
         first.send_signal(signal.SIGKILL)
     before = finished(out)
-    assert "Transformer 500 with tau_rbd,r | 0, 1 left | - (" in table.read_text()
+    assert json.loads(table.read_text())["trials_left"] > 0
     again = limo(*arguments)
     assert again.returncode == 0, again.stderr
     after = finished(out)
-    assert len(after) == 33
+    assert len(after) == 37
     assert {name: after[name] for name in before} == before
     assert given.items() <= before.items()
     assert not list((out / "trials").glob(".*"))  # nothing half-written
-    assert "; 33 of 33 trials done" in table.read_text()
-    assert "| - " not in table.read_text()
+    assert json.loads(table.read_text())["trials_left"] == 0
+    assert "; 37 of 37 trials done" in (out / "report.html").read_text()
+    assert not (out / "unfinished").exists() or not list((out / "unfinished").iterdir())
 
 
 @pytest.mark.slow("trains all the rows of the table in processes of their own")
@@ -353,5 +326,5 @@ def test_ctrl_c_stops_at_once_and_keeps_what_is_done(folder: Path, tmp_path: Pat
     assert running.returncode == 130
     assert "finished trials are kept" in complaints
     assert "Traceback" not in complaints
-    assert "; 1 of 33 trials done" in " ".join(said.split())
-    assert all(row.name in (out / "table1.md").read_text() for row in ROWS)
+    assert "; 1 of 37 trials done" in " ".join(said.split())
+    assert all(row.name in (out / "report.html").read_text() for row in ALL_ROWS)

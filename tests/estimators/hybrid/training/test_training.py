@@ -271,7 +271,7 @@ def test_a_gpu_that_is_not_there_is_refused(
 
 @pytest.mark.parametrize(
     ("model", "device", "type_"),
-    [("mlp7", "auto", "cpu"), ("mlp7", "cuda", "cuda"), ("lstm-fcl", "auto", "cuda")],
+    [("mlp7", "auto", "cpu"), ("mlp7", "cuda", "cpu"), ("lstm-fcl", "auto", "cuda")],
 )
 def test_a_gpu_trains_what_it_trains_sooner_or_what_it_is_told_to(
     model: str, device: str, type_: str, monkeypatch: pytest.MonkeyPatch
@@ -333,7 +333,7 @@ def test_a_diverging_loss_is_an_error(rigid: Simulation, training_recording: Rec
         ({"model": "transformer", "heads": 3}, "hidden = 32 has to be a multiple of heads = 3"),
         ({"features": "every"}, "no feature set is called 'every'"),
         ({"without": ("velocity", "temperature")}, "has no 'temperature'; known: acceleration, "),
-        ({"model": "gpt"}, "'gpt', expected one of mlp7, lstm-2, lstm-fcl, transformer"),
+        ({"model": "gpt"}, "'gpt', expected one of mlp7, lstm-2, lstm-fcl, gru, lru, transformer"),
         ({"schedule": "step"}, "'step', expected one of cosine, plateau"),
         ({"epochs": 0}, "epochs is 0"),
         ({"folds": 0}, "folds is 0"),

@@ -15,7 +15,7 @@ from estimators.hybrid.features import feature_set
 from estimators.hybrid.fitted_network import InputScaling, Scaling
 from estimators.hybrid.model import train
 from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData
-from estimators.hybrid.training.passes import CompiledRowPasses, RowPasses
+from estimators.hybrid.training.passes import RowPasses
 from estimators.hybrid.training.settings import TrainingSettings
 from estimators.neural.modules import MlpModule
 
@@ -86,23 +86,20 @@ def distance(found: torch.Tensor, expected: torch.Tensor) -> float:
     return float(((found - expected).norm() / expected.norm()).detach())
 
 
-@sampled("kind", [CompiledRowPasses, RowPasses], "trains a network each")
 @sampled(
     ("features", "outputs", "size"),
     [("all-joints", 1, 1.0), ("own-joint", 1, 1.0), ("drive", 2, 1.0), ("all-joints", 1, 10.0)],
     "trains a network each",
     ids=["same inputs", "own joint", "two outputs a part", "every gradient clipped"],
 )
-def test_an_epoch_is_that_of_a_plain_loop(
-    kind: type[RowPasses], features: str, outputs: int, size: float
-) -> None:
+def test_an_epoch_is_that_of_a_plain_loop(features: str, outputs: int, size: float) -> None:
     expected = perceptron(features, outputs)
     module = copy.deepcopy(expected)
     data = motion(int(expected.columns_of_parts().max()) + 1, JOINTS * outputs, size)
     by_torch, optimizer = adam(expected), adam(module)
     losses = plain(expected, by_torch, data)
 
-    passes = kind(data, BATCH, np.random.default_rng(1), CPU)
+    passes = RowPasses(data, BATCH, np.random.default_rng(1), CPU)
     for rate, loss in zip(RATES, losses, strict=True):
         optimizer.param_groups[0]["lr"] = rate
         assert passes.epoch(module, optimizer) == pytest.approx(loss, rel=1e-4)
@@ -119,7 +116,7 @@ def test_a_row_that_is_no_number_shows_in_the_loss(column: int) -> None:
     data = motion(35, JOINTS)
     data.inputs[np.flatnonzero(data.use == TRAINING)[0], column] = np.nan
     module = perceptron("all-joints")
-    passes = CompiledRowPasses(data, BATCH, np.random.default_rng(1), CPU)
+    passes = RowPasses(data, BATCH, np.random.default_rng(1), CPU)
     assert np.isnan(passes.epoch(module, adam(module))).all()
 
 
@@ -128,7 +125,7 @@ def test_fewer_rows_than_a_batch() -> None:
     few = replace(data, use=np.where(np.arange(ROWS) < BATCH // 2, TRAINING, LEFT_OUT))
     module = perceptron("all-joints")
     before = copy.deepcopy(module.weights())
-    passes = CompiledRowPasses(few, BATCH, np.random.default_rng(1), CPU)
+    passes = RowPasses(few, BATCH, np.random.default_rng(1), CPU)
     optimizer = adam(module)
     training, held_out = passes.epoch(module, optimizer)
     rows = slice(BATCH // 2)
