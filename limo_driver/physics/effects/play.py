@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion
     from limo_driver.types import FloatArray
 
-GAPS = (2e-4, 6e-4, 2e-3, 6e-3, 2e-2)  # [rad], of a play that is looked for
+GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
 DAMPINGS, DAMPED = (3.0, 100.0), (0.3, 1000.0)  # [N m s/rad], of a fall that grease slows
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
 WOUND = "that of a drag that winds up what gives way, at either end of the gap"
