@@ -148,13 +148,13 @@ class Backlash(MotionEffect):
 
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
-        """Yield several gaps, damped or not, or with drags that leave a friction in the gap.
+        """Yield several gaps of both forms; of drags, those that leave a friction in the gap.
 
         More would drive the joint after each reversal, as friction does that still acts the way it
         did before: presliding.
         """
         for gap in GAPS:
-            yield from (cls.of_gap(joint, gap, damping) for damping in (None, *DAMPINGS))
+            yield cls.of_gap(joint, gap)
         width, most = sign_width_at(joint, recorded), MOST_DRAG * dry_at(joint, recorded)
         for gap in DRAGGED_GAPS if most > 0 else ():
             yield cls.of_drag(joint, width, most, gap)
@@ -167,7 +167,7 @@ class Backlash(MotionEffect):
         friction that is known is that of a joint without play, of which the drag may be more. And
         yield falls that are damped, of which the best gap differs from that of a free one.
         """
-        if found.law in {FREE, SLOWED} and isinstance(found.family, partial):
+        if found.law == FREE and isinstance(found.family, partial):
             yield from (found.family(found.settings[0], damping) for damping in DAMPINGS)
         if found.law == AT_ONCE and isinstance(found.family, partial):
             joint, v_eps, _ = found.family.args
