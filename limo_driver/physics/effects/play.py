@@ -165,7 +165,7 @@ class Backlash(MotionEffect):
 
         It goes and comes over a distance beside the gap, so that the gap itself is less; and the
         friction that is known is that of a joint without play, of which the drag may be more. And
-        yield falls that are damped, of which the best gap differs from that of a free one.
+        yield falls that are damped, where a free one was found.
         """
         if found.law == FREE and isinstance(found.family, partial):
             yield from (found.family(found.settings[0], damping) for damping in DAMPINGS)

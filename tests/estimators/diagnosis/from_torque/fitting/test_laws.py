@@ -11,7 +11,6 @@ from lanes import sampled
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.from_torque.fitting import laws
-from estimators.diagnosis.from_torque.fitting.contribution import coefficients
 from estimators.diagnosis.from_torque.fitting.laws import confused, sentence_of
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
 from estimators.diagnosis.from_torque.fitting.settling import refined
@@ -20,6 +19,7 @@ from estimators.diagnosis.from_torque.hypotheses.catalogue import every, rivals
 from estimators.diagnosis.from_torque.residuals.noise import Noise
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.stages import quiet
+from estimators.regression.evidence import Prior
 from limo_driver.physics import (
     Backlash,
     CoulombFriction,
@@ -189,16 +189,13 @@ def test_of_a_damped_fall_gap_and_damping_are_found_and_the_size_is_that_gap(
     observed = Observations.of(given, [replace(hanging, torque=torque)], 10.0)
     problem = RegressionProblem.of(observed, quiet)
     noise = Noise.independent(np.full(2, 1e-3), problem.split.fitted)
-    (member,) = (
-        i
-        for i, candidate in enumerate(problem.candidates)
-        if candidate.place == (hidden.name, (1,)) and candidate.hypothesis.settings == (6e-3,)
-    )
-    problem, solution = refined(problem, fitted(problem, (member,), noise), quiet)
-    (member,) = solution.members
-    found = problem.candidates[member].hypothesis
+    nothing = Prior.free(np.zeros(0, dtype=np.int64), np.zeros(0))
+    around = laws.Setting(problem, nothing, noise)
+    found, gain = laws.refine(Backlash.of_gap(2, 6e-3, 100.0), around)
     assert found.settings == pytest.approx((hidden.gap, hidden.damping), rel=0.1)
-    assert coefficients(problem, solution, member) == pytest.approx([1.0], rel=0.05)
+    half = replace(Backlash.of_gap(2, 2e-3, 20.0), family=None)  # of twice its size, it says
+    free, sized = (laws.refine(replace(half, sized=s), around)[1] for s in (False, True))
+    assert sized < free < gain
 
 
 def test_what_brings_most_of_what_a_member_does_is_confused_with_it(monkeypatch):
