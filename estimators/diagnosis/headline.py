@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from estimators.diagnosis.quantities import (
     AMOUNTS,
     UNNUMBERED,
+    by_error,
     decimals_of,
     differs,
     from_to,
@@ -83,7 +84,9 @@ def headline(verdict: Verdict) -> str:
     order = [*firsts, *(part for part in parts if part not in firsts)]
     count = len(order)
     tried = [_chosen(parts, order[:k], order[k:]) for k in range(count, -1, -1)]
-    tried += [_chosen(parts, (), order[:k]) for k in range(count - 1, len(firsts) - 1, -1)]
+    fewer = range(count - 1, len(firsts) - 1, -1)
+    tried += [_chosen(parts, states[0][:1], order[:k]) for k in fewer]
+    tried += [_chosen(parts, (), order[:k]) for k in fewer]
     texts = [_sentence(each) for each in tried]
     return next((text for text in texts if len(text) <= MOST), texts[-1])
 
@@ -102,7 +105,7 @@ def _chosen(
 def _differing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Return the stated values that differ, long and short, those that take most first."""
     groups: dict[tuple[str, str], list[StatedValue]] = {}
-    for item in sorted(verdict.values, key=lambda item: -item.share):
+    for item in by_error(verdict):
         if item.reported:
             groups.setdefault((item.effect, item.name), []).append(item)
     texts = [(from_to(group), differs(group, names)) for group in groups.values()]

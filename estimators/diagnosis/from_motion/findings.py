@@ -146,7 +146,7 @@ class JointValues:
             )
 
     def values(self, step: float, own: Collection[str]) -> list[StatedValue]:
-        """Return the stated values that the motion shows, and what fits.
+        """Return the stated values, and what fits.
 
         Args:
             step: Of the encoder [rad].
@@ -183,24 +183,31 @@ class JointValues:
         return removes(squared, without, len(self.motion))
 
     def _shown(self, own: Collection[str]) -> Iterator[tuple[StatedValue, bool, _Change]]:
-        """Yield values that the motion shows, whether each surely differs, and its undoing."""
+        """Yield values of the improved simulation, whether each surely differs, and its undoing.
+
+        Those that the motion does not show, only where they moved beyond what tolerances allow.
+        """
         for effect, units in self.kinds.items():
             for name, unit in units.items():
-                if effect in self.extras or not is_known(self.fit, [name]):
+                if effect in self.extras:
                     continue
-                believed = self._believed(name)
+                believed, known = self._believed(name), is_known(self.fit, [name])
                 tolerance = c.value_in(self.tolerance, name) * believed
                 fitted, called = self.fit.value(name), c.constant_of(name).parameter or name
-                value = self._value(called, effect, unit, believed, fitted)
+                value = replace(
+                    self._value(called, effect, unit, believed, fitted),
+                    ci95=self.fit.interval(name) if known else None,
+                    tolerance=(OFFSET if name == "offset" else tolerance) or None,
+                )
+                if not known and not value.is_taken:
+                    continue
                 yield (
                     replace(
                         value,
-                        ci95=self.fit.interval(name),
-                        tolerance=(OFFSET if name == "offset" else tolerance) or None,
                         assumed=value.assumed and name not in own,
                         beyond=self._is_wrong([name]),
                     ),
-                    self._differs(name),
+                    known and self._differs(name),
                     partial(as_it_is_stated, nominal=self.nominal, effect=effect, units=[name]),
                 )
 
