@@ -50,9 +50,13 @@ def give_or_take(known: Interval) -> str:
     return f"{known.value:z.{decimals}f} ± {half:.{decimals}f}"
 
 
-def several(known: Interval) -> str:
-    """Return the numbers of a parameter that has more than one."""
-    return _nested(known.value)
+def in_words(known: Interval) -> str:
+    """Return a parameter: a number with its unit and interval, several, or a text."""
+    if isinstance(known.value, str):
+        return display_name(known.value)
+    if isinstance(known.value, (int, float)):
+        return quantity(known)
+    return several(known.value) + unit_of(known.unit)
 
 
 def decimals_of(half: float) -> int:
@@ -60,9 +64,10 @@ def decimals_of(half: float) -> int:
     return min(max(0, 1 - math.floor(math.log10(max(half, TINY)))), 9)
 
 
-def _nested(values: object) -> str:
+def several(values: object) -> str:
+    """Return numbers of a parameter that has more than one."""
     if isinstance(values, (tuple, list)):
-        return f"({', '.join(map(_nested, values))})"
+        return f"({', '.join(map(several, values))})"
     return f"{values:.3g}" if isinstance(values, float) else str(values)
 
 
@@ -189,12 +194,10 @@ def by_error(verdict: Verdict) -> list[StatedValue]:
     As `findings` are, by the squared error, which is counted in noise floors of the joint.
     """
     squared = in_noise_floors(verdict.fit.heldout_rmse_before, verdict.fit) ** 2
-
-    def takes(item: StatedValue) -> float:
-        own = squared[np.array(item.joints, int) - 1] if item.joints else squared
-        return item.share * float(own.max())
-
-    return sorted(verdict.values, key=takes, reverse=True)
+    every = range(1, squared.size + 1)
+    return sorted(
+        verdict.values, key=lambda x: -x.share * max(squared[j - 1] for j in x.joints or every)
+    )
 
 
 def from_to(group: Sequence[StatedValue]) -> str:

@@ -24,12 +24,6 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 CONTACT = "external_contact"
-_WITHOUT_TORQUE = (  # what of a fit stands in the file where no torque was recorded
-    "one_step_rmse_before",
-    "one_step_rmse_after",
-    "inverse_dynamics_rmse_before",
-    "inverse_dynamics_rmse_after",
-)
 VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
@@ -380,8 +374,8 @@ class Verdict:
         if self.holds is not None:
             content["holds"]["as_stated"] = list(self.hardly_shown)
         content["unexplained"]["joints"] = list(self.unexplained.joints)
-        for name in _WITHOUT_TORQUE:
-            if not content["fit"][name]:
+        for name in [x for x in content["fit"] if x.startswith(("one_step", "inverse_dynamics"))]:
+            if not content["fit"][name]:  # torque was recorded
                 del content["fit"][name]
         if not any(self.sliding):
             del content["sliding"]
