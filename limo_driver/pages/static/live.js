@@ -27,7 +27,7 @@ class History {
   mark(events) {
     events.forEach(({ kind, t, text, joint, began, ended }) => {
       if (kind === "swap") this.marks.set(`${kind} ${t}`, { t, text });
-      if (began && kind.startsWith("contact")) this.marks.set(`contact ${began}`, { t: began, joint, ended });
+      if (began && kind.startsWith("contact")) this.marks.set(`contact ${joint} ${began}`, { t: began, joint, ended });
     });
   }
 
@@ -210,7 +210,7 @@ async function follow(section) {
     scene.hold(scene.pose(said.position));
     const { felt } = said;
     if (felt && said.interval) {
-      scene.paint(felt.map((v) => Math.abs(v ?? 0)), said.interval.map((v) => v || 1), true);
+      scene.paint(felt.map((v) => (said.age > 1 ? 0 : Math.abs(v ?? 0))), said.interval.map((v) => v || 1), true);
     }
     const pushed = [...kept.marks.values()].filter((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
     pushed.forEach((m) => scene.rings[m.joint - 1]?.material.color.set(paint("bad").trim()));
