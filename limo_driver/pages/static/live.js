@@ -208,9 +208,9 @@ async function follow(section) {
     const said = kept.held === null ? latest ?? row : row;
     if (!scene || !said?.position) return;
     scene.hold(scene.pose(said.position));
-    const { felt } = said;
+    const { felt, age } = said;
     if (felt && said.interval) {
-      scene.paint(felt.map((v) => (said.age > 1 ? 0 : Math.abs(v ?? 0))), said.interval.map((v) => v || 1), true);
+      scene.paint(felt.map((v) => (age > 1 ? 0 : Math.abs(v ?? 0))), said.interval.map((v) => v || 1), true);
     }
     const pushed = [...kept.marks.values()].filter((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
     pushed.forEach((m) => scene.rings[m.joint - 1]?.material.color.set(paint("bad").trim()));
