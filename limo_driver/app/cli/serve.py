@@ -141,8 +141,8 @@ def command(
         contact = ",".join(f"{level:.3g}" for level in levels)
         gaps = sum(int(np.sum(np.diff(own.time) > 1.5 / own.rate)) for own in calm)
         late = f", raised by {gaps} gaps in that motion, at which an arm jerks" * (gaps > 0)
-        rate = f"false alarms: {false_alarms:g} an hour"
-        say(f"{rate}: --contact {contact} [N m]{late}", stderr=True)
+        alarms = f"false alarms: {false_alarms:g} an hour"
+        say(f"{alarms}: --contact {contact} [N m]{late}", stderr=True)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     # How to retrain, or None where it is not wanted or not possible
