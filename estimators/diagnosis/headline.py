@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Final
 from estimators.diagnosis.quantities import (
     AMOUNTS,
     UNNUMBERED,
+    by_error,
     decimals_of,
     differs,
     from_to,
+    in_words,
     listed,
     of_joints,
     of_several,
     once,
     quantity,
-    several,
     unit_of,
 )
 from estimators.diagnosis.settings.afterwards import WORDING
@@ -83,7 +84,8 @@ def headline(verdict: Verdict) -> str:
     order = [*firsts, *(part for part in parts if part not in firsts)]
     count = len(order)
     tried = [_chosen(parts, order[:k], order[k:]) for k in range(count, -1, -1)]
-    tried += [_chosen(parts, (), order[:k]) for k in range(count - 1, len(firsts) - 1, -1)]
+    fewer = range(count - 1, len(firsts) - 1, -1)
+    tried += [_chosen(parts, long, order[:k]) for long in (states[0][:1], ()) for k in fewer]
     texts = [_sentence(each) for each in tried]
     return next((text for text in texts if len(text) <= MOST), texts[-1])
 
@@ -102,7 +104,7 @@ def _chosen(
 def _differing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     """Return the stated values that differ, long and short, those that take most first."""
     groups: dict[tuple[str, str], list[StatedValue]] = {}
-    for item in sorted(verdict.values, key=lambda item: -item.share):
+    for item in by_error(verdict):
         if item.reported:
             groups.setdefault((item.effect, item.name), []).append(item)
     texts = [(from_to(group), differs(group, names)) for group in groups.values()]
@@ -168,7 +170,7 @@ def values_of(item: Finding) -> str:
     By the names that they have in a `sim.yaml`: most are symbols, which no space makes words.
     """
     parts = [
-        f"{name} {_value(known)}" for name, known in item.parameters.items() if known.value != ()
+        f"{name} {in_words(known)}" for name, known in item.parameters.items() if known.value != ()
     ]
     return "; ".join(parts)
 
@@ -177,14 +179,6 @@ def quantity_of(item: Finding) -> str:
     """Return the value that matters most of a finding, if that is one number; else nothing."""
     known = _main(item)
     return quantity(known) if known else ""
-
-
-def _value(known: Interval) -> str:
-    if isinstance(known.value, str):
-        return display_name(known.value)
-    if isinstance(known.value, (int, float)):
-        return quantity(known)
-    return several(known) + unit_of(known.unit)
 
 
 def _groups(verdict: Verdict) -> list[list[Finding]]:
@@ -216,17 +210,17 @@ def _say(group: Sequence[Finding], names: Sequence[str], *, values: bool) -> str
         return _pushed(first)
     if _is_friction(first) and len({item.effect for item in group}) > 1:
         return f"friction of {of_several(joints, names)} was not in the simulation"
-    name = named(first)
+    name, is_wrong = named(first), first.kind == "wrong_parameter"
     if values and (differ := _against_stated(group, names)):
         return f"{name} of {differ}"
     if len(group) > 1:
-        return f"{_wrong(first)}{name} of {of_several(joints, names)}"
+        return f"{'wrong ' * is_wrong}{name} of {of_several(joints, names)}"
     place = place_of(first, names)
     at = place if first.effect == Payload.name else f"at {place}"
     if first.effect == LINK_INERTIA:
         name, at = "inertia", f"of {place}"
     known = _main(first) if values else None
-    if first.kind == "wrong_parameter":
+    if is_wrong:
         should = f": {quantity(known)} fits" if known else ""
         return f"wrong {name} {at}{should}"
     return f"{name}{f' of {_size(known)}' if known else ''} {at}"
@@ -254,10 +248,6 @@ def _against_stated(group: Sequence[Finding], names: Sequence[str]) -> str:
         fits = values + unit_of(pairs[0][0].unit)
     of = of_several(joints, names) if joints == sorted(joints) else of_joints(joints, names)
     return f"{of} is {fits}, not the stated {listed(once(stated))}"
-
-
-def _wrong(item: Finding) -> str:
-    return "wrong " if item.kind == "wrong_parameter" else ""
 
 
 def _main(item: Finding) -> Interval | None:

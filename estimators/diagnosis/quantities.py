@@ -50,9 +50,13 @@ def give_or_take(known: Interval) -> str:
     return f"{known.value:z.{decimals}f} ± {half:.{decimals}f}"
 
 
-def several(known: Interval) -> str:
-    """Return the numbers of a parameter that has more than one."""
-    return _nested(known.value)
+def in_words(known: Interval) -> str:
+    """Return a parameter: a number with its unit and interval, several, or a text."""
+    if isinstance(known.value, str):
+        return display_name(known.value)
+    if isinstance(known.value, (int, float)):
+        return quantity(known)
+    return several(known.value) + unit_of(known.unit)
 
 
 def decimals_of(half: float) -> int:
@@ -60,9 +64,10 @@ def decimals_of(half: float) -> int:
     return min(max(0, 1 - math.floor(math.log10(max(half, TINY)))), 9)
 
 
-def _nested(values: object) -> str:
+def several(values: object) -> str:
+    """Return numbers of a parameter that has more than one."""
     if isinstance(values, (tuple, list)):
-        return f"({', '.join(map(_nested, values))})"
+        return f"({', '.join(map(several, values))})"
     return f"{values:.3g}" if isinstance(values, float) else str(values)
 
 
@@ -178,8 +183,21 @@ def name_of_value(item: StatedValue) -> str:
 
 
 def fitted_of(item: StatedValue) -> str:
-    """Return the value that fits, with its unit and interval."""
-    return quantity(Interval(item.fitted, item.unit, item.ci95))
+    """Return the value that fits, with its unit and interval, or that there is none."""
+    text = quantity(Interval(item.fitted, item.unit, item.ci95))
+    return f"{text} (not shown by this motion)" if item.is_taken else text
+
+
+def by_error(verdict: Verdict) -> list[StatedValue]:
+    """Return the stated values, those that take most of held-out errors first.
+
+    As `findings` are, by the squared error, which is counted in noise floors of the joint.
+    """
+    squared = in_noise_floors(verdict.fit.heldout_rmse_before, verdict.fit) ** 2
+    every = range(1, squared.size + 1)
+    return sorted(
+        verdict.values, key=lambda x: -x.share * max(squared[j - 1] for j in x.joints or every)
+    )
 
 
 def from_to(group: Sequence[StatedValue]) -> str:
@@ -221,14 +239,14 @@ def _alike(value: float) -> str:
 
 def value_columns(verdict: Verdict) -> dict[str, list[str]]:
     """Return the stated values that moved, and what fits instead, those that are reported first."""
-    moved = sorted((x for x in verdict.values if x.moved), key=lambda x: (not x.reported, -x.share))
+    moved = sorted((x for x in by_error(verdict) if x.moved), key=lambda x: not x.reported)
     return {
         "value": [name_of_value(x) for x in moved],
         "joint": [place_of_value(x).partition(" ")[2] for x in moved],
         "stated": [stated_of(x) for x in moved],
         "fits": [fitted_of(x) for x in moved],
         "of the joint's error": [f"{100 * x.share:.0f} %" for x in moved],
-        "tolerance": [tolerance_of(x) for x in moved],
+        "tolerance": [tolerance_of(x, in_ratio=not verdict.is_of_torque) for x in moved],
     }
 
 
@@ -238,12 +256,19 @@ def stated_of(item: StatedValue) -> str:
     return f"{item.stated:.4g}" + " (limo's usual)" * usual
 
 
-def tolerance_of(item: StatedValue) -> str:
-    """Say by how many of its tolerances a value moved, how wide one is, and who says so."""
+def tolerance_of(item: StatedValue, *, in_ratio: bool) -> str:
+    """Say by how many of its tolerances a value moved, how wide one is, and who says so.
+
+    Args:
+        item: The value.
+        in_ratio: Whether tolerances are of the logarithm, where a value has one.
+    """
     if not item.tolerance:
         return ""  # only values together have moved: each has its own
     size = abs(item.tolerance / item.stated) if item.stated else None
     width = f"{item.tolerance:.2g} {item.unit}" if size is None else f"{100 * size:.3g} %"
     whose = "limo's guess" if item.assumed else "stated"
-    many = rounded(abs(item.fitted - item.stated) / item.tolerance, 2)
-    return f"{many} tolerances of {width} ({whose})"
+    off = abs(item.fitted - item.stated) / item.tolerance
+    if in_ratio and size is not None and item.fitted * item.stated > 0.0:
+        off = abs(np.log(item.fitted / item.stated)) / size
+    return f"{rounded(off, 2)} tolerances of {width} ({whose})"

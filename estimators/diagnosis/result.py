@@ -74,10 +74,10 @@ def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]
     for item in verdict.identified:
         for name, known in item.parameters.items():
             if known.ci95:
-                one = isinstance(known.value, float)
+                one, numbers = isinstance(known.value, float), several(known.value)
                 heading = (display_name(item.effect), name, f"[{known.unit}]")
                 column = columns.setdefault(heading, [""] * len(joints))
-                column[joints.index(item.joint)] = (give_or_take if one else several)(known)
+                column[joints.index(item.joint)] = give_or_take(known) if one else numbers
     return columns
 
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
 from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import HOLDING
+from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
 from limo_driver.physics.catalogue import known_as
@@ -22,12 +24,6 @@ if TYPE_CHECKING:
 
 SCHEMA = 1
 CONTACT = "external_contact"
-_WITHOUT_TORQUE = (  # what of a fit stands in the file where no torque was recorded
-    "one_step_rmse_before",
-    "one_step_rmse_after",
-    "inverse_dynamics_rmse_before",
-    "inverse_dynamics_rmse_after",
-)
 VERDICT = "verdict.json"  # the files of a diagnosis, in one folder
 IMPROVED = "sim.yaml"
 REPORT = "report.html"
@@ -120,7 +116,14 @@ class StatedValue:
     def moved(self) -> bool:
         """Whether the stated value is outside the 95 % interval, or is reported."""
         outside = self.ci95 is not None and not self.ci95[0] <= self.stated <= self.ci95[1]
-        return self.reported or self.beyond or outside
+        return self.reported or self.beyond or outside or self.is_taken
+
+    @property
+    def is_taken(self) -> bool:
+        """Whether the improved simulation has another value, which the motion does not show."""
+        if self.ci95 is not None or not self.tolerance or self.stated <= 0.0 or self.fitted <= 0.0:
+            return False
+        return abs(math.log(self.fitted / self.stated)) > REACH * self.tolerance / self.stated
 
     @property
     def in_words(self) -> str:
@@ -371,8 +374,8 @@ class Verdict:
         if self.holds is not None:
             content["holds"]["as_stated"] = list(self.hardly_shown)
         content["unexplained"]["joints"] = list(self.unexplained.joints)
-        for name in _WITHOUT_TORQUE:
-            if not content["fit"][name]:
+        for name in [x for x in content["fit"] if x.startswith(("one_step", "inverse_dynamics"))]:
+            if not content["fit"][name]:  # torque was recorded
                 del content["fit"][name]
         if not any(self.sliding):
             del content["sliding"]

@@ -146,7 +146,7 @@ class JointValues:
             )
 
     def values(self, step: float, own: Collection[str]) -> list[StatedValue]:
-        """Return the stated values that the motion shows, and what fits.
+        """Return the stated values, and what fits.
 
         Args:
             step: Of the encoder [rad].
@@ -183,26 +183,28 @@ class JointValues:
         return removes(squared, without, len(self.motion))
 
     def _shown(self, own: Collection[str]) -> Iterator[tuple[StatedValue, bool, _Change]]:
-        """Yield values that the motion shows, whether each surely differs, and its undoing."""
+        """Yield values of the improved simulation, whether each surely differs, and its undoing.
+
+        Those that the motion does not show, only where they moved beyond what tolerances allow.
+        """
         for effect, units in self.kinds.items():
             for name, unit in units.items():
-                if effect in self.extras or not is_known(self.fit, [name]):
+                if effect in self.extras:
                     continue
-                believed = self._believed(name)
+                believed, known = self._believed(name), is_known(self.fit, [name])
                 tolerance = c.value_in(self.tolerance, name) * believed
                 fitted, called = self.fit.value(name), c.constant_of(name).parameter or name
                 value = self._value(called, effect, unit, believed, fitted)
-                yield (
-                    replace(
-                        value,
-                        ci95=self.fit.interval(name),
-                        tolerance=(OFFSET if name == "offset" else tolerance) or None,
-                        assumed=value.assumed and name not in own,
-                        beyond=self._is_wrong([name]),
-                    ),
-                    self._differs(name),
-                    partial(as_it_is_stated, nominal=self.nominal, effect=effect, units=[name]),
+                value = replace(
+                    value,
+                    ci95=self.fit.interval(name) if known else None,
+                    tolerance=(OFFSET if name == "offset" else tolerance) or None,
+                    assumed=value.assumed and name not in own,
+                    beyond=self._is_wrong([name]),
                 )
+                undone = partial(as_it_is_stated, nominal=self.nominal, effect=effect, units=[name])
+                if known or value.is_taken:
+                    yield value, known and self._differs(name), undone
 
     def _damping(self) -> Iterator[tuple[StatedValue, bool, _Change]]:
         """Yield the damping that a servo is stated to have within its torque limit."""
@@ -294,15 +296,9 @@ def as_stated(effect: str, nominal: FloatArray, units: dict[str, str], *, extra:
     if value is None:
         return "without it"
     size = f"{value:.3g}" if unit == "1" else f"{value:.3g} {unit}"
-    return f"with {c.constant_of(name).in_words} of {size}{_parts(nominal, name)}, as stated"
-
-
-def _parts(nominal: FloatArray, name: str) -> str:
-    """Say which part of a stated damping is the servo's: no file has their sum."""
-    servo, joint = c.value_in(nominal, "kd"), c.value_in(nominal, c.DAMPING)
-    if name != c.DAMPING or not (servo and joint):
-        return ""
-    return f" ({servo:.3g} of the servo, {joint:.3g} of the joint)"
+    if name == c.DAMPING and all(own := [c.value_in(nominal, n) for n in ("kd", c.DAMPING)]):
+        size += f" ({own[0]:.3g} of the servo, {own[1]:.3g} of the joint)"  # no file has their sum
+    return f"with {c.constant_of(name).in_words} of {size}, as stated"
 
 
 def is_known(fit: JointFit, names: Iterable[str]) -> bool:

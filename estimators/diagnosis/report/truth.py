@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimators.diagnosis.headline import MOST, headline, place_of, quantity_of, values_of
-from estimators.diagnosis.quantities import of_several, quantity, rounded, several, unit_of
+from estimators.diagnosis.quantities import in_words, of_several, rounded
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval, Verdict
 from limo_driver.errors import ConfigError
@@ -189,13 +189,6 @@ def _apart(first: Interval, second: Interval | None) -> bool:
     return b < c or d < a
 
 
-def _value(known: Interval) -> str:
-    """Return a parameter in words, which is a number in one simulation and several in another."""
-    if isinstance(known.value, (int, float)):
-        return quantity(known)
-    return several(known) + unit_of(known.unit)
-
-
 def _is_number(known: Interval) -> bool:
     return isinstance(known.value, (int, float)) and bool(known.ci95) and None not in known.ci95
 
@@ -271,7 +264,7 @@ def _findings(
             rows.append([escape(what), "", *texts, _change(pair, differs=False)])
         for key in dict.fromkeys(keys):
             known = [item.parameters.get(key) if item else None for item in pair]
-            texts = [escape(typeset(_value(k))) if k else UNSAID for k in known]
+            texts = [escape(typeset(in_words(k))) if k else UNSAID for k in known]
             differs = known[0] is None or known[1] is None or _apart(known[0], known[1])
             rows.append([escape(what), escape(key), *texts, _change(pair, differs=differs)])
     return table(("finding", "parameter", *names, "change"), rows)

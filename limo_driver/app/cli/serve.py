@@ -127,6 +127,8 @@ def command(
 
     if free:
         # What `--contact` would say for a rate of false alarms on free motion
+        import numpy as np
+
         from limo_driver.app.cli.export import read_all
         from limo_driver.app.library.contacts import contact_thresholds
 
@@ -137,7 +139,10 @@ def command(
         calm = read_all(free, model, mapping)
         levels = contact_thresholds(model, calm, false_alarms=false_alarms, delay=delay)
         contact = ",".join(f"{level:.3g}" for level in levels)
-        say(f"false alarms: {false_alarms:g} an hour: --contact {contact}", stderr=True)
+        gaps = sum(int(np.sum(np.diff(own.time) > 1.5 / own.rate)) for own in calm)
+        late = f", raised by {gaps} gaps in that motion, at which an arm jerks" * (gaps > 0)
+        alarms = f"false alarms: {false_alarms:g} an hour"
+        say(f"{alarms}: --contact {contact} [N m]{late}", stderr=True)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     # How to retrain, or None where it is not wanted or not possible

@@ -17,8 +17,6 @@ from limo_driver.recordings.bandwidth import bandwidth_for
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from estimators.residual_model import ResidualModel
     from limo_driver.recordings.recording import Recording
 
@@ -75,7 +73,14 @@ def external_wrench(
     external = recording.filtered_torque(width) - estimate.torque
     bias, spread = np.zeros(external.shape[1]), np.full(external.shape[1], np.nan)
     if untouched is not None:
-        rows = _rows(recording, *untouched)
+        time, (begin, end) = recording.time, untouched
+        rows = (time >= begin) & (time <= end)
+        if rows.sum() < 2:  # noqa: PLR2004
+            raise RecordingError(
+                f"{rows.sum()} samples are untouched, from {begin:g} to {end:g} s, expected two or "
+                f"more; the recording is from {time[0]:g} to {time[-1]:g} s",
+                path=recording.source or None,
+            )
         bias, spread = external[rows].mean(axis=0), external[rows].std(axis=0)
     external = external - bias
     std = np.where(np.isnan(estimate.std), spread, estimate.std)
@@ -127,16 +132,3 @@ def contact_thresholds(
     stream = Stream(known, recordings[0].rate, delay)
     found = measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
     return tuple((found.level * found.error).tolist())
-
-
-def _rows(recording: Recording, begin: float, end: float) -> NDArray[np.bool_]:
-    """Return which samples are within a stretch of time [s]; refuses fewer than a spread takes."""
-    time = recording.time
-    rows = (time >= begin) & (time <= end)
-    if rows.sum() < 2:  # noqa: PLR2004
-        raise RecordingError(
-            f"{rows.sum()} samples are untouched, from {begin:g} to {end:g} s, expected two or "
-            f"more; the recording is from {time[0]:g} to {time[-1]:g} s",
-            path=recording.source or None,
-        )
-    return rows

@@ -27,7 +27,7 @@ class History {
   mark(events) {
     events.forEach(({ kind, t, text, joint, began, ended }) => {
       if (kind === "swap") this.marks.set(`${kind} ${t}`, { t, text });
-      if (began && kind.startsWith("contact")) this.marks.set(`contact ${began}`, { t: began, joint, ended });
+      if (began && kind.startsWith("contact")) this.marks.set(`contact ${joint} ${began}`, { t: began, joint, ended });
     });
   }
 
@@ -53,8 +53,7 @@ class JointStrip {
   constructor(name, j, kept) {
     const figure = document.createElement("figure");
     this.caption = figure.appendChild(document.createElement("figcaption"));
-    this.canvas = figure.appendChild(document.createElement("canvas"));
-    this.canvas.className = "strip";
+    this.canvas = figure.appendChild(cell("canvas", "", "strip"));
     this.canvas.setAttribute("role", "img");
     const plain = name.toLowerCase().replace(/[^a-z0-9]/g, "").endsWith(`joint${j + 1}`);
     Object.assign(this, { name, j, kept, label: plain ? `joint ${j + 1}` : `joint ${j + 1} (${name})` });
@@ -67,9 +66,10 @@ class JointStrip {
   draw(span) {
     const { end, rows, marks } = this.kept, start = end - span, now = this.kept.at(end);
     const external = this.value(now, "external"), sure = this.value(now, "interval");
-    const lost = this.value(now, "torque") === null || end - now.t > SILENT;
+    const lost = this.value(now, "torque") === null || end - now.t > SILENT; // two digits of the interval, of any arm's scale
+    const digits = sure === null ? 2 : Math.min(4, Math.max(1, 1 - Math.floor(Math.log10(Math.max(sure, 1e-4)))));
     this.caption.replaceChildren(cell("b", this.label), cell("i", "external"), cell("span", lost ? "no value"
-      : `${shownNumber(external)}${sure === null ? "" : ` ± ${shownNumber(sure)}`} N m` +
+      : `${shownNumber(external, digits)}${sure === null ? "" : ` ± ${shownNumber(sure, digits)}`} N m` +
         (now.outside?.[this.j] && !now.fallback ? ", unlike what was learned" : "")));
     const pushed = [...marks.values()].some((m) => m.joint === this.j + 1 && m.t <= end && (m.ended ?? end) >= end);
     this.canvas.classList.toggle("pushed", pushed);
@@ -121,8 +121,7 @@ class JointStrip {
       pen.fillText(Math.abs(v) < step / 2 ? "0" : shownNumber(v, digits), left - 4, y(v) + 3);
       pen.strokeRect(left, Math.round(y(v)) + 0.5, width - left, 0);
     }
-    pen.textAlign = "left";
-    pen.fillText("N m", 2, bottom + 11);
+    Object.assign(pen, { textAlign: "left" }).fillText("N m", 2, bottom + 11);
     for (let k = 0; k <= 4; ++k) {
       const back = span * (1 - k / 4), text = back ? `−${back} s` : this.kept.held ? clock(end) : "now";
       pen.textAlign = k === 4 ? "right" : k ? "center" : "left";
@@ -208,9 +207,9 @@ async function follow(section) {
     const said = kept.held === null ? latest ?? row : row;
     if (!scene || !said?.position) return;
     scene.hold(scene.pose(said.position));
-    const { felt } = said;
+    const { felt, age } = said;
     if (felt && said.interval) {
-      scene.paint(felt.map((v) => Math.abs(v ?? 0)), said.interval.map((v) => v || 1), true);
+      scene.paint(felt.map((v) => (age > 1 ? 0 : Math.abs(v ?? 0))), said.interval.map((v) => v || 1), true);
     }
     const pushed = [...kept.marks.values()].filter((m) => m.joint && m.t <= end && (m.ended ?? end) >= end);
     pushed.forEach((m) => scene.rings[m.joint - 1]?.material.color.set(paint("bad").trim()));

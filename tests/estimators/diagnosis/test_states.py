@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from estimators.diagnosis.headline import MOST, headline
-from estimators.diagnosis.quantities import differs, name_of_value
+from estimators.diagnosis.quantities import differs, name_of_value, value_columns
 from estimators.diagnosis.reading import verdict_in
 from estimators.diagnosis.report.findings import removed
 from estimators.diagnosis.report.sections import identified, stated_values
@@ -83,6 +83,21 @@ def test_a_tolerance_that_the_user_stated_is_said_to_be_stated():
 def test_a_width_of_a_sign_that_nobody_has_to_state_is_said_to_be_the_usual_one():
     width = replace(value(), name="v_eps", stated=0.005, fitted=0.01)
     assert "0.005 (limo's usual)" in "\n".join(lines_of(verdict(values=(width,))))
+
+
+def test_a_gain_far_off_comes_first_where_room_is_short_and_one_not_shown_says_so():
+    servo = {"name": "kp", "effect": "position_servo", "unit": "N m/rad", "tolerance": 300.0}
+    gain = replace(value(stated=998.0, fitted=9.1), **servo, ci95=(6.6, 12.6), share=0.5)
+    taken = replace(value(1, stated=998.0, fitted=11.0, reported=False), **servo, ci95=None)
+    others = ("coulomb_friction", "viscous_friction", "armature", "spring_load")
+    small = [replace(value(joint=1, share=0.99), effect=one) for one in others]
+    errors = replace(fit(above=(2,)), one_step_rmse_before=FLOOR)
+    found = verdict(values=(*small, gain, taken), fit=errors)
+    assert headline(found).startswith("P gain of joint 2 (elbow) is 9.1 N m/rad [6.6, 12.6], not ")
+    columns = value_columns(found)
+    assert columns["fits"][0] == "9.1 N m/rad [6.6, 12.6]"
+    assert columns["fits"][-1] == "11 N m/rad (not shown by this motion)"
+    assert columns["tolerance"][0] == "16 tolerances of 30.1 % (limo's guess)"
 
 
 def test_a_family_is_told_by_the_torque_that_it_makes():

@@ -29,8 +29,8 @@ STATUS = {"state": "serving", "model": "7", "rate": 1000.0, "answered": 998, "de
           "contact": [False, True, *[False] * 5],
           "arrivals": {"received": 100, "lost": 2558}}  # fmt: skip
 EVENTS = [
-    {"kind": "contact", "text": "joint 2 is pushed", "t": 1.0, "times": 1, "joint": 2,
-     "began": 1.0, "ended": None},
+    *({"kind": "contact", "text": f"joint {j} is pushed", "t": 1.0, "times": 1, "joint": j,
+       "began": 1.0, "ended": None} for j in (2, 4)),
     {"kind": "reset", "text": "memory is reset", "t": 1.0, "times": 14, "joint": None,
      "began": None, "ended": None},
 ]  # fmt: skip
@@ -228,7 +228,7 @@ def test_a_browser_shows_the_arm_as_it_moves(followed, model):
             long = "[...document.querySelectorAll('.facts > div')]"
             assert tab.value(f"{long}.every((part) => part.tabIndex === 0)")  # keys scroll them
             tab.wait("document.querySelectorAll('canvas.strip.pushed').length")
-            assert tab.value("document.querySelectorAll('canvas.strip.pushed').length") == 1
+            assert tab.value("document.querySelectorAll('canvas.strip.pushed').length") == 2
             tab.value("document.getElementById('pause').click()")
             held = tab.value("document.getElementById('when').value")
             frames = tab.value("document.body.dataset.frames")
