@@ -102,7 +102,6 @@ def test_only_training_imports_torch_and_only_pictures_what_draws():
     }
     assert found["matplotlib"] == {
         "estimators/evaluation_page.py",
-        "estimators/studies/table1_page.py",
     }
 
 
