@@ -108,6 +108,9 @@ PARTS: dict[str, Change] = {
     ),
     "reach: no pushes": Change({}, {f"{FROM_TORQUE}.events.pushes": lambda *_: ()}),
     "reach: no jolts": Change({}, {f"{FROM_TORQUE}.events.jolts": lambda *_: ()}),
+    "reach: no values beyond their tolerances": Change(
+        {}, {f"{FROM_TORQUE}.events.suspects": lambda *_: set()}
+    ),
 }
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands
     "fitting.CONTRIBUTION.material": (0.35, 0.7),

@@ -21,10 +21,11 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     prune_refine_simplify,
     pruned,
     settled_around,
+    suspects,
 )
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
-from estimators.diagnosis.from_torque.judgement.judgement import worse_at
+from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds, impacts, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import impacts_note as note_of_play
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
@@ -189,3 +190,28 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     ):
         return judged
     return judged.or_better(again)
+
+
+def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
+    """Return the findings with suspicious values held as stated, where that explains more.
+
+    While sets compete, thousands of rows outvote tolerances, and the effect of a wrong value is
+    ascribed to nuisance parameters. Fitted values stay within their limits, and their effect beyond
+    those is unknown, or too small to be seen. Held as it is stated, such a value has to be a
+    finding, and may bring no other name with it.
+    """
+    problem, solution = judged.problem, judged.solution
+    held = suspects(problem, solution, judged.unknown)
+    if not held or harmed(problem, judged.proven, judged.remaining):
+        return judged
+    problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
+    again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
+    again = around(again, progress, budget)
+    found = again.places(again.findings)
+    if not found <= judged.places(solution.members) | held:
+        return judged
+    fewer = set(again.unknown) < set(judged.unknown)
+    wrong = set(again.unknown) == set(judged.unknown) and found & held
+    if fewer or (wrong and not worse_at(problem, again.proven, judged.proven, judged.remaining)):
+        return again
+    return judged

@@ -12,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from estimators.base import check_different
 from estimators.diagnosis.from_torque.contact import contact_of
-from estimators.diagnosis.from_torque.events import Events, apart_from_events
+from estimators.diagnosis.from_torque.events import Events, apart_from_events, beyond_tolerances
 from estimators.diagnosis.from_torque.fitting.contribution import left_by_tolerances
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem
 from estimators.diagnosis.from_torque.judgement.conclusion import (
@@ -102,7 +102,13 @@ def diagnose(
     given = observe(simulation, recordings, bandwidth)
     problem = RegressionProblem.of(as_mounted(given), progress)
     judged, events = apart_from_events(problem, progress, budget)
+    judged = budget.within(
+        "values beyond their tolerances",
+        lambda: beyond_tolerances(judged, progress, budget),
+        judged,
+    )
     judged, harmful = judged.without_harmful_members()
+    judged = judged.beyond_ordinary()
     progress("fitting to all rows", 0.95)
     found = _concluded(given, judged, events, budget, harmful=harmful)
     progress("done", 1.0)

@@ -187,6 +187,9 @@ class SOLVING:
     blamed: float = setting(0.5, "of the squared deviation of a simulation from its linear fit",
         "that goes with a member which may be to blame",
         "higher blames what feeds a runaway; lower what only adds to it")
+    unbound: float = setting(10.0, "times the tolerance",
+        "that a value at its limit is given, to see where data put it",
+        "higher lets what little the motion shows be anywhere; lower draws it back")
     linearisation_is_poor: float = setting(0.4, "of the remaining residual",
         "by which a simulation may be off its linear fit",
         "higher keeps fits that are not what is simulated; lower searches again too often")

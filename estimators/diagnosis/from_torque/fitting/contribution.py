@@ -62,6 +62,12 @@ def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatA
     return first.left(base.fitted)
 
 
+def left_by_base(problem: RegressionProblem, solution: Solution) -> FloatArray:
+    """Return the same of a simulation, which has nothing of what sensors add [N m]."""
+    first, base = _of_base(problem, solution)
+    return first.left_without_sensors(base.fitted)
+
+
 def _of_base(problem: RegressionProblem, solution: Solution) -> tuple[RegressionProblem, Solution]:
     first = problem.first or problem  # columns around what was found say nothing of a set without
     if first is not problem:

@@ -9,6 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
+    changes_only_sign_width,
     material,
     own_coefficients,
     relieves,
@@ -28,12 +29,15 @@ from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
+from estimators.diagnosis.settings.judgement import VALUES
 from estimators.regression.definite import ranked
-from estimators.regression.evidence import joined
+from estimators.regression.evidence import REACH, joined, posterior
 from limo_driver.physics.effect import MotionEffect
 
 if TYPE_CHECKING:
     from collections.abc import Collection
+
+    from numpy.typing import NDArray
 
     from estimators.diagnosis.stages import Progress
     from limo_driver.types import FloatArray
@@ -295,6 +299,47 @@ def settled_around(
     """
     problem, near = relinearised(problem, solution, progress)
     return prune_refine_simplify(*solve(problem, progress, near), progress)
+
+
+def suspects(
+    problem: RegressionProblem, solution: Solution, joints: Collection[int]
+) -> set[tuple[str, tuple[int, ...]]]:
+    """Return the effects of which a fit has a value at its limit, and which may be wrong by it.
+
+    At some joints (0-based) any of them; anywhere those whose value surely lies beyond its limit.
+    None is of friction that is but sharper: there, a limit is no value that friction has.
+    """
+    limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
+    if not limited.any():
+        return set()
+    turned = {
+        problem.candidates[member].place
+        for member in solution.members
+        if changes_only_sign_width(problem, solution, member)
+    }
+    limited &= ~problem.nuisance.of(turned)
+    far = limited & _surely_beyond(problem, solution, limited)
+    return {
+        item.place
+        for item, limit, beyond in zip(problem.nuisance.parameters, limited, far, strict=True)
+        if item.of_effect
+        and limit
+        and (beyond or not item.place[1] or set(item.place[1]) & set(joints))
+    }
+
+
+def _surely_beyond(
+    problem: RegressionProblem, solution: Solution, some: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
+    nuisance, search = problem.nuisance.prior, solution.search
+    free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)
+    fit = posterior(
+        search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
+    )
+    count = nuisance.index.size
+    off, sure = fit.mean[:count], fit.deviation[:count]
+    return np.abs(off) - VALUES.sure * sure > REACH * nuisance.deviation
 
 
 def linearisation_is_poor(problem: RegressionProblem, solution: Solution) -> bool:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
+    left_by_base,
     own_joints,
     surely_less,
 )
@@ -152,6 +153,29 @@ class JudgedSet:
         fewer = problem.less(members, laws)
         return JudgedSet.of(problem, fitted(problem, fewer, self.solution.noise))
 
+    def beyond_ordinary(self) -> JudgedSet:
+        """Return this without what predicts motion held out worse than ordinary friction does.
+
+        Where the simulation states no friction, the least that a diagnosis has to reach is not the
+        given simulation, but one with Coulomb and viscous friction: a law that was chosen instead
+        may fit better, and hold on nothing else. Members that act where it is worse go one by one,
+        the least missed first; ordinary friction takes the place of laws that go.
+        """
+        problem, noise = self.problem, self.solution.noise
+        first = problem.first or problem
+        if not first.base or not self._worse_at(left_by_base(problem, self.solution)):
+            return self
+        ordinary = JudgedSet.of(first, fitted(first, first.base, noise))
+        judged, tried = self, [ordinary, self]
+        while found := judged._worse_at(ordinary.proven):
+            acting = judged._beyond_base(found)
+            if not acting:
+                return max(tried, key=JudgedSet._gain)
+            fewer = least_harmful(problem, judged.solution, acting)
+            judged = JudgedSet.of(problem, fitted(problem, fewer, noise))
+            tried.append(judged)
+        return judged
+
     @property
     def _spared(self) -> JudgedSet:
         """This, with all that acts on harmed joints alone as it is stated."""
@@ -166,6 +190,20 @@ class JudgedSet:
     def _surely_better(self) -> bool:
         """Say whether the arm's motion held out is surely predicted better than before."""
         return gains(self.problem, self.solution, self.proven, self.remaining)
+
+    def _worse_at(self, other: FloatArray) -> tuple[int, ...]:
+        return worse_at(self.problem, self.proven, other, self.remaining)
+
+    def _beyond_base(self, joints: Collection[int]) -> list[int]:
+        """Return the members that act on some joints (0-based), and are no ordinary friction."""
+        problem = self.problem
+        base = {problem.candidates[i].place for i in problem.base}
+        return [
+            member
+            for member in self.solution.members
+            if problem.candidates[member].place not in base
+            and {*own_joints(problem, member)} & {*joints}
+        ]
 
     def to_the_end(self) -> Observations:
         """Return the recordings beside a simulation that was fitted to all rows.

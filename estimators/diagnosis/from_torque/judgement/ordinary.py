@@ -26,13 +26,18 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     change_of,
     changes_only_sign_width,
     coefficients,
+    contribution,
     convincing,
 )
 from estimators.diagnosis.from_torque.hypotheses.candidates import BASE, without_friction
+from estimators.diagnosis.from_torque.hypotheses.responses import responses
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
-from estimators.diagnosis.settings.judgement import ORDINARY
+from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.regression.definite import first_best
-from limo_driver.physics import Armature, ViscousFriction
+from limo_driver.physics import Armature, PreslidingHysteresis, ViscousFriction
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,7 +68,10 @@ def ordinary(
     usual = {*BASE, *(effect for effect in effects if effects.count(effect) > most)}
     far = beyond_siblings(problem, solution)
     return tuple(
-        member for member, item in of_drives.items() if item.effect in usual and member not in far
+        member
+        for member, item in of_drives.items()
+        if (item.effect in usual or _slides_at_once(problem, solution, member))
+        and member not in far
     )
 
 
@@ -122,8 +130,31 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
         for i in members
         if i in plain
         or (i in laws and i not in findings)
+        or _is_detail(problem, solution, i)
         or changes_only_sign_width(problem, solution, i)
     )
+
+
+def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a member is a small part more of an effect that the simulation states already.
+
+    Like lines of a ripple that are too faint to show before the others are stated. What acts on the
+    whole arm, as gravity, is no law of a joint, and a finding however small.
+    """
+    candidate = problem.candidates[member]
+    observed, joints = problem.observed, list(candidate.joints)
+    stated = [
+        effect
+        for effect in observed.simulation.effects
+        if effect.name == candidate.effect and effect.joints == tuple(j + 1 for j in joints)
+    ]
+    if candidate.kind != "missing" or not stated or not joints:
+        return False
+    whole = np.zeros_like(observed.residual)
+    for added in responses(stated, observed):
+        whole[:, list(added.joints)] += added.values.T
+    least = (1.0 - JUDGEMENT.precise) * rmse(whole, problem.split.held_out) ** 2
+    return bool((contribution(problem, solution, member) < least)[joints].all())
 
 
 def _is_missing(candidate: Candidate) -> bool:
@@ -134,6 +165,22 @@ def _is_missing(candidate: Candidate) -> bool:
 def _has_grown(problem: RegressionProblem, solution: Solution, member: int) -> bool:
     """Say whether a stated value is higher than stated."""
     return float(change_of(problem, solution, member).sum()) > 0.0
+
+
+def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+    """Say whether a law of presliding is Coulomb friction by another name.
+
+    Rows slower than creep are not judged, and in one period of the filter's band a row that is
+    passes over creep / bandwidth: friction that has built up within less slides on every such row.
+    """
+    hypothesis = problem.candidates[member].hypothesis
+    if hypothesis is None or hypothesis.effect != PreslidingHysteresis.name:
+        return False
+    effects = hypothesis.realise(coefficients(problem, solution, member))
+    stops = [stop for e in effects if isinstance(e, PreslidingHysteresis) for stop in e.stops()]
+    way = sum(height * width for height, width in stops)  # [N m rad]
+    least = ROWS.creep * SIGN_WIDTH / problem.observed.bandwidth  # [rad]
+    return way < least * sum(height for height, _ in stops)
 
 
 def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int, float]:

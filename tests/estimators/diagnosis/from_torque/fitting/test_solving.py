@@ -19,6 +19,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     _of_one_width,
     _runaway,
     pruned,
+    suspects,
 )
 from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplified
 from estimators.diagnosis.from_torque.fitting.solving import _Search
@@ -38,6 +39,7 @@ from limo_driver.physics import (
     Tolerances,
     TorqueGain,
     TorqueOffset,
+    ViscousFriction,
 )
 
 BODY = Payload(mass=1.5, com=(0.0, 0.0, 0.1), inertia=(0.01, 0.0, 0.0, 0.01, 0.0, 0.01))
@@ -352,6 +354,19 @@ def test_a_last_link_that_lacks_mass_carries_no_load(seen):
     problem, noise = laid_out(seen().under(replace(given, inertials={"lower": body})))
     lighter = fitted(problem, (place_of(problem, "link_inertia", 2),), noise)
     assert loaded(problem, lighter) is lighter
+
+
+@pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
+def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
+    seen, stated, suspicious
+):
+    """Three deviations of a tenth allow 10 N m s/rad to be stated as 14.3 at most."""
+    rubbing = ViscousFriction(joint=2, f_v=stated)
+    recorded = seen(ViscousFriction(joint=2, f_v=10.0))
+    given = replace(recorded.simulation, effects=(rubbing,), tolerances=Tolerances(friction=0.1))
+    problem, noise = laid_out(recorded.under(given))
+    found = suspects(problem, fitted(problem, (), noise), joints=())
+    assert found == ({("viscous_friction", (1,))} if suspicious else set())
 
 
 @pytest.mark.parametrize(

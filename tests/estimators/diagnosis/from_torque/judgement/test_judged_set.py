@@ -42,6 +42,23 @@ def places(one):
     return one.places(one.solution.members)
 
 
+def test_what_is_worse_than_ordinary_friction_gives_way_to_it(problem):
+    spring = next(
+        i for i, item in enumerate(problem.candidates) if item.place == (SpringLoad.name, (1,))
+    )
+    wrong, rows = judged(problem, (spring,)), problem.split.held_out
+    ordinary = rmse(judged(problem, problem.base).proven, rows)
+    assert (rmse(wrong.proven, rows) > 3 * ordinary).all()
+    found = wrong.beyond_ordinary()
+    assert (rmse(found.proven, rows) < 1.1 * ordinary).all()
+    assert {(CoulombFriction.name, (0,)), (CoulombFriction.name, (1,))} <= places(found)
+
+
+def test_what_is_no_worse_stays(problem):
+    ordinary = judged(problem, problem.base)
+    assert ordinary.beyond_ordinary() is ordinary
+
+
 def test_a_law_that_is_doubtful_gives_way_to_plain_friction_and_nothing_else_does(problem):
     """Of a joint that rubs, dry friction was lost with the name of another law of it."""
     law, dry = (PreslidingHysteresis.name, (0,)), (CoulombFriction.name, (0,))

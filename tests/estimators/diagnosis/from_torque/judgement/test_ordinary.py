@@ -10,6 +10,8 @@ from noisy_recordings import observed
 
 from estimators.diagnosis.from_torque.fitting import contribution
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
+from estimators.diagnosis.from_torque.hypotheses.candidates import entered
+from estimators.diagnosis.from_torque.hypotheses.ripple import ripples as hypotheses_of_ripple
 from estimators.diagnosis.from_torque.judgement import ordinary as module
 from estimators.diagnosis.from_torque.judgement.ordinary import (
     beyond_siblings,
@@ -22,7 +24,9 @@ from estimators.diagnosis.stages import quiet
 from limo_driver.physics import (
     CoulombFriction,
     GravityDirection,
+    PreslidingHysteresis,
     Simulation,
+    TorqueRipple,
     ViscousFriction,
 )
 
@@ -103,6 +107,20 @@ def test_a_joint_whose_drive_has_no_limit_is_like_its_siblings(limit):
     limits = SimpleNamespace(torque=np.array([320.0] * 6 + [limit]), velocity=np.ones(7))
     arm = SimpleNamespace(effects=(), model=SimpleNamespace(n=7, limits=limits))
     assert beyond_siblings(*sized(np.where(np.arange(7) == 6, 300.0, USUAL), arm)) == {}
+
+
+@pytest.mark.parametrize(("width", "plain"), [(1e-4, True), (2.9e-4, True), (3.1e-4, False)])
+def test_presliding_that_is_over_before_a_row_is_judged_is_plain_friction(width, plain):
+    """Rows from 3 mrad/s on are judged, in a band of 10 Hz."""
+    slip = PreslidingHysteresis(joint=6, stiffness=(0.5 / width,), width=(width,))
+    hypothesis = SimpleNamespace(effect=slip.name, realise=lambda _c: (slip,))
+    problem, solution = sized(USUAL, Simulation("iiwa14"))
+    problem.observed.bandwidth = 10.0
+    index = SimpleNamespace(index=np.array([0]))
+    problem.candidates[5] = SimpleNamespace(
+        effect=slip.name, joints=(5,), hypothesis=hypothesis, prior=index
+    )
+    assert (5 in ordinary(problem, solution, solution.members)) == plain
 
 
 def test_sizes_that_differ_from_drive_to_drive_are_no_more_than_that():
@@ -220,6 +238,21 @@ def test_friction_that_is_but_sharper_or_softer_is_a_value(monkeypatch, within, 
 def seen(arm, *effects):
     """Record effects of an arm of two joints."""
     return observed(*effects, robot=str(arm), duration=30.0)
+
+
+@pytest.mark.parametrize(("amplitude", "detail"), [(0.28, True), (0.6, False)])
+def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail):
+    stated = TorqueRipple(joint=1, cycles_per_rev=(14.0,), amplitude=(4.0,), phase=(0.3,))
+    other = TorqueRipple(joint=1, cycles_per_rev=(28.0,), amplitude=(amplitude,), phase=(0.1,))
+    recorded = seen(arm, stated, other).under(Simulation(str(arm), (stated,)))
+    problem = RegressionProblem.of(recorded, quiet)
+    (line,) = hypotheses_of_ripple(recorded, recorded.residual, {})
+    candidate = entered(line, recorded, problem.columns, problem.level)
+    problem = problem.with_candidates([*problem.candidates, candidate])
+    noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
+    member = len(problem.candidates) - 1
+    found = to_identify(problem, fitted(problem, (member,), noise))
+    assert found == ((member,) if detail else ())
 
 
 def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joint(arm):
