@@ -117,6 +117,14 @@ class Effect(Declared, ABC):
         return ()
 
     @classmethod
+    def seldom_at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
+        """Return those that compete only where the others leave something unexplained.
+
+        They bend to much that they are not, and would take the place of what is simpler.
+        """
+        return ()
+
+    @classmethod
     def on_arm(cls, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
         """Return the hypotheses of a diagnosis about an effect of the arm as a whole."""
         return ()

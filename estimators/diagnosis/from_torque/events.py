@@ -23,7 +23,8 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     settled_around,
     suspects,
 )
-from estimators.diagnosis.from_torque.fitting.solving import solve
+from estimators.diagnosis.from_torque.fitting.solving import having, solve
+from estimators.diagnosis.from_torque.hypotheses.catalogue import seldom
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds, impacts, jolts
@@ -132,6 +133,9 @@ def _round(
     progress("proving on held-out motion", 0.8)
     judged = around(JudgedSet.of(problem, solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: in_time(judged, progress), judged)
+    judged = budget.within(
+        "laws that joints seldom follow", lambda: with_seldom_laws(judged, progress), judged
+    )
     return judged, _events(problem, judged.beside, judged.proven)
 
 
@@ -190,6 +194,15 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     ):
         return judged
     return judged.or_better(again)
+
+
+def with_seldom_laws(judged: JudgedSet, progress: Progress) -> JudgedSet:
+    """Return what is found among laws that seldom hold, too, where that leaves less unknown."""
+    if not judged.unknown:
+        return judged
+    problem = having(judged.problem, seldom(judged.problem.observed))
+    again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
+    return judged.or_better(again) if set(again.unknown) < set(judged.unknown) else judged
 
 
 def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 VARIANTS = ("absolute", "positive", "negative", "stribeck", "quadratic")
 REFERENCE = 25.0  # [°C]
 WARMING_TIMES = (0.1, 0.3, 1.0)  # of the length of the recordings
-_CONSTANT = 1e6  # [s], time constant of what does not change
+_FASTEST, _CONSTANT = 1e-2, 1e6  # [s], time constant of what does not change
 _WARMING = 0.01  # [rad/s] beyond which motion warms a gear
 
 
@@ -253,7 +253,7 @@ class TemperatureDependentFriction(DryFriction):
     )
     known_by: ClassVar[tuple[str, ...]] = ("temperature",)
     excess: float | None = parameter("N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, default=None)
-    time_constant: float | None = parameter("s", lower=1e-2, upper=1e6, default=None)
+    time_constant: float | None = parameter("s", lower=_FASTEST, upper=_CONSTANT, default=None)
     per_kelvin: float | None = parameter("N m/K", lower=-100.0, upper=100.0, default=None)
     reference: float | None = parameter(
         "°C",
@@ -325,7 +325,7 @@ class TemperatureDependentFriction(DryFriction):
             "excess",
             settings=(time_constant,),
             family=partial(cls.fading, joint, v_eps),
-            bounds=((0.02 * time_constant, 20 * time_constant),),
+            bounds=((max(0.02 * time_constant, _FASTEST), min(20 * time_constant, _CONSTANT)),),
         )
 
     @classmethod

@@ -45,6 +45,7 @@ class Law:
 
 
 MAXWELL_SLIP = "maxwell_slip"
+_WIDEST = 1.0  # [rad]
 STOP_WIDTHS = tuple(np.geomspace(3e-4, 0.25, 9))  # [rad], at which a diagnosis has elements slip
 BUILD_UP = (1e-3, 4e-3, 0.016)  # [rad] over which the friction of a law builds up
 _LEAST_FRICTION = 1e-6  # [N m]
@@ -119,7 +120,7 @@ class PreslidingHysteresis(TorqueEffect):
     stiffness: tuple[float, ...] = _list(
         "N m/rad", "stiffness of each element", 0.0, MOST_STIFFNESS
     )
-    width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, 1.0)
+    width: tuple[float, ...] = _list("rad", "deflection at which each element slips", 1e-7, _WIDEST)
     sigma_0: float | None = _value("N m/rad", "stiffness at small motion", 1e-3, MOST_STIFFNESS)
     sigma_1: float | None = _value("N m s/rad", "damping of the bristles", 0.0, MOST_SLOPE)
     tau_c: float | None = _value("N m", "sliding friction", 1e-6, MOST_TORQUE)
@@ -244,7 +245,9 @@ class PreslidingHysteresis(TorqueEffect):
             cls.maxwell_slip(joint, widths),
             settings=widths,
             family=partial(cls.slips, joint),
-            bounds=tuple((max(0.4 * width, STOP_WIDTHS[0]), 2.5 * width) for width in widths),
+            bounds=tuple(
+                (max(0.4 * width, STOP_WIDTHS[0]), min(2.5 * width, _WIDEST)) for width in widths
+            ),
         )
 
     @classmethod

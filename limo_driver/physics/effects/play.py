@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion
     from limo_driver.types import FloatArray
 
+_WIDEST = 0.2  # [rad]
 GAPS = (2e-4, 6e-4, 2e-3, 6e-3)  # [rad], of a play that is looked for
+DAMPED_GAPS = (*GAPS, 2e-2)  # [rad], of one whose fall grease slows
 DAMPINGS, DAMPED = (3.0, 100.0), (0.3, 1000.0)  # [N m s/rad], of a fall that grease slows
 DRAGGED_GAPS = (1e-4, 2.5e-4, 6e-4, 1.5e-3, 4e-3, 0.01, 0.025)  # [rad], of one with a drag
 WOUND = "that of a drag that winds up what gives way, at either end of the gap"
@@ -93,10 +95,10 @@ class Backlash(MotionEffect):
     )
     agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
     needs_inertia: ClassVar[bool] = True
-    gap: float = parameter("rad", lower=0.0, upper=0.2, adds=True)
+    gap: float = parameter("rad", lower=0.0, upper=_WIDEST, adds=True)
     damping: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
     drag: float | None = parameter("N m", lower=0.0, upper=MOST_TORQUE, default=None)
-    width: float | None = parameter("rad", lower=1e-9, upper=0.2, default=None)
+    width: float | None = parameter("rad", lower=1e-9, upper=_WIDEST, default=None)
     v_eps: float | None = parameter(
         "rad/s",
         lower=1e-6,
@@ -160,6 +162,11 @@ class Backlash(MotionEffect):
             yield cls.of_drag(joint, width, most, gap)
 
     @classmethod
+    def seldom_at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
+        """Yield falls that are damped: where no flank is met they are lags, or armatures."""
+        yield from (cls.of_gap(joint, gap, damping) for gap in DAMPED_GAPS for damping in DAMPINGS)
+
+    @classmethod
     def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
         """Yield a drag that winds something up, where one that is there at once was found.
 
@@ -177,7 +184,7 @@ class Backlash(MotionEffect):
     def of_gap(cls, joint: int, gap: float, damping: float | None = None) -> Hypothesis:
         """Return play at one joint; how long the link floats depends on gap [rad] and damping."""
         settings = (gap,) if damping is None else (gap, damping)
-        own = ((0.3 * gap, 3.0 * gap), DAMPED)[: len(settings)]
+        own = (_around(gap), DAMPED)[: len(settings)]
         return Hypothesis.of_one(
             cls(joint=joint, gap=gap, damping=damping),
             "gap",
@@ -212,9 +219,14 @@ class Backlash(MotionEffect):
             most=most,
             settings=settings,
             family=partial(cls.of_drag, joint, v_eps, most),
-            bounds=((0.3 * gap, 3.0 * gap), _PARTS)[: len(settings)],
+            bounds=(_around(gap), _PARTS)[: len(settings)],
             law=law,
         )
+
+
+def _around(gap: float) -> tuple[float, float]:
+    """Return the gaps that a refinement may come to from one."""
+    return 0.3 * gap, min(3.0 * gap, _WIDEST)
 
 
 @compiled(reads=("time", "ahead", "slowed"), nogil=True)

@@ -51,7 +51,7 @@ def solve(
     problem, search = problem.holding(None), _Search(progress, near)
     noise = noise_of_everything(problem)
     if not any(has_long(candidate) for candidate in problem.candidates):
-        problem = _with(problem, long_after(problem.observed.n))
+        problem = having(problem, long_after(problem.observed.n))
     problem = _scanned(problem, fitted(problem, problem.base, noise))
     solution = search.best(problem, noise)
     problem = _scanned(problem, solution)  # of what the largest effects hid
@@ -143,10 +143,10 @@ def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProble
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    return _with(problem, ripples(problem.observed, problem.left(solution.fitted), known))
+    return having(problem, ripples(problem.observed, problem.left(solution.fitted), known))
 
 
-def _with(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
+def having(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
     """Return the problem with further hypotheses among what competes."""
     found = [entered(item, problem.observed, problem.columns, problem.level) for item in more]
     return problem.with_candidates([*problem.candidates, *filter(None, found)])

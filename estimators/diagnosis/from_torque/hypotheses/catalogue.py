@@ -42,6 +42,14 @@ def every(observed: Observations) -> Iterator[Hypothesis]:
         yield from effect.on_arm(recorded)
 
 
+def seldom(observed: Observations) -> Iterator[Hypothesis]:
+    """Yield those that compete only where the others leave something unexplained."""
+    recorded = recorded_in(observed)
+    for joint in range(1, observed.n + 1):
+        for effect in every_effect():
+            yield from effect.seldom_at_joint(joint, recorded)
+
+
 def rivals(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
     """Yield further laws of an effect that was found."""
     effect = known_as(hypothesis.effect)
