@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from typing import TypeAlias, TypeVar
 
@@ -52,6 +53,10 @@ class Failure:
         return f"A stage failed, and what it would have said is missing: {self}."
 
 
+class OutOfTimeError(Exception):
+    """The time of a diagnosis is over; `Budget.within` takes it."""
+
+
 @dataclass
 class Attempts:
     """Stages without which a verdict is still worth having, and those of them that failed."""
@@ -62,14 +67,12 @@ class Attempts:
         """Return what a stage computes; where it fails, keep the error and return `otherwise`."""
         try:
             return work()
+        except OutOfTimeError:
+            raise
         except Exception as error:  # noqa: BLE001  # whatever it is, the verdict so far is known
             if all(known.stage != stage for known in self.failures):  # gone through twice
                 self.failures.append(Failure(stage, error))
             return otherwise
-
-
-class OutOfTimeError(Exception):
-    """The time of a diagnosis is over; `Budget.within` takes it."""
 
 
 @dataclass
@@ -77,13 +80,12 @@ class Budget:
     """Time for a diagnosis, counted from now.
 
     What a verdict cannot do without takes as long as it takes. Each stage that makes it better is
-    begun while there is time, and broken off where it next tells its progress.
+    begun while there is time, and broken off where its loops next ask for the time.
     """
 
     seconds: float = float("inf")
     skipped: list[str] = field(default_factory=list[str])  # stages without a result
     _began: float = field(default_factory=time.monotonic)
-    _inside: int = 0  # such stages, one in the other
 
     @property
     def over(self) -> bool:
@@ -95,21 +97,20 @@ class Budget:
 
         def tell(stage: str, done: float) -> None:
             progress(stage, done)
-            if self._inside and self.over:
-                raise OutOfTimeError
+            end_if_late()
 
         return tell
 
     def within(self, stage: str, work: Callable[[], _Result], otherwise: _Result) -> _Result:
         """Return what a stage computes, or `otherwise` where the time is over."""
         if not self.over:
-            self._inside += 1
+            inside = _INSIDE.set(self)
             try:
                 return work()
             except OutOfTimeError:
                 pass
             finally:
-                self._inside -= 1
+                _INSIDE.reset(inside)
         if stage not in self.skipped:
             self.skipped.append(stage)
         return otherwise
@@ -122,3 +123,19 @@ class Budget:
             f"The budget of {self.seconds:g} s ended the search early, and what is said is what was"
             f" proven until then. Not tried, or not to the end: {'; '.join(self.skipped)}."
         )
+
+
+_INSIDE: ContextVar[Budget | None] = ContextVar("of what can be done without", default=None)
+
+
+def end_if_late() -> None:
+    """Break off a stage that a verdict can do without, where its time is over.
+
+    For loops that take long; elsewhere it does nothing.
+
+    Raises:
+        OutOfTimeError: The time is over.
+    """
+    budget = _INSIDE.get()
+    if budget is not None and budget.over:
+        raise OutOfTimeError

@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from estimators.diagnosis.stages import Attempts, Budget, Failure, forward, quiet
+from estimators.diagnosis.stages import (
+    Attempts,
+    Budget,
+    Failure,
+    end_if_late,
+    forward,
+    quiet,
+)
 
 
 def test_progress_never_goes_back_and_tells_every_stage():
@@ -62,3 +69,18 @@ def test_a_budget_breaks_off_what_can_be_done_without_and_nothing_else():
     assert spend(3) == 3  # outside of such stages
     assert budget.within("four", lambda: pytest.fail("was begun"), 0) == 0
     assert "three; four" in budget.note()
+
+
+def test_a_loop_that_asks_for_the_time_ends_inside_of_such_a_stage_alone():
+    budget, attempts = Budget(3600.0), Attempts()
+
+    def spend():
+        end_if_late()
+        budget.seconds = 0.0
+        attempts.at("no failure of a part of it", end_if_late, None)
+        pytest.fail("went on")
+
+    end_if_late()
+    assert budget.within("one", spend, "otherwise") == "otherwise"
+    assert attempts.failures == []
+    end_if_late()  # outside again

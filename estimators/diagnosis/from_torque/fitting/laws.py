@@ -27,6 +27,7 @@ from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
 from estimators.diagnosis.settings.residuals import ELSEWHERE
+from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import Evidence, NormalEquations, Prior, joined
 from limo_driver.physics import PreslidingHysteresis, QuadraticDrag, ViscousFriction
@@ -272,6 +273,7 @@ class _Local:
 
     def gain(self, hypothesis: Hypothesis) -> float:
         """Return the log evidence of the hypothesis together with the others."""
+        end_if_late()
         problem = self.around.problem
         table = ColumnTable(len(problem.observed.kept), problem.observed.n)
         candidate = self.around.entered(hypothesis, table)

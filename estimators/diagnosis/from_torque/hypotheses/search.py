@@ -34,6 +34,7 @@ from estimators.diagnosis.from_torque.residuals.noise import (
 )
 from estimators.diagnosis.held_out import Split, rmse
 from estimators.diagnosis.settings.fitting import BASE_FRICTION, SEARCH, SOLVING
+from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import best_first, first_best, is_more, ranked
 from estimators.regression.evidence import Evidence, Posterior, Prior, Priors
 from limo_driver.physics import CoulombFriction, ViscousFriction
@@ -84,6 +85,7 @@ class Search:
         """Return the log evidence of a set, less its rarity."""
         key = tuple(sorted(members))
         if key not in self._known:
+            end_if_late()
             price = float(self._prices[list(key)].sum())
             self._known[key] = self.evidence.gain(self.prior(key)) - price
         return self._known[key]

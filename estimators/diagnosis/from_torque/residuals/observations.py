@@ -17,6 +17,7 @@ from scipy.ndimage import binary_opening, maximum_filter1d
 from estimators.diagnosis.from_torque.residuals.observed_recording import ObservedRecording
 from estimators.diagnosis.settings import TINY
 from estimators.diagnosis.settings.residuals import MISTAKES, NOISE, ROWS
+from estimators.diagnosis.stages import end_if_late
 from estimators.rigid_body.fitting.extent import Extents
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import RecordingError
@@ -249,6 +250,7 @@ class Observations:
 
     def predict(self, simulation: Simulation) -> FloatArray:
         """Return the torque that a simulation says was measured, unfiltered, (T, n) [N m]."""
+        end_if_late()
         load = self.load if simulation.has_body_of(self.reference) else None
         return simulation.predict_stretches(self.motion, self.segments, self.bandwidth, load)
 
