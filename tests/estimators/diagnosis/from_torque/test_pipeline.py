@@ -22,6 +22,7 @@ from estimators.diagnosis.settings.residuals import HELD_OUT, ROWS
 from estimators.diagnosis.verdict import UNKNOWN
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
+    Backlash,
     CoulombFriction,
     Payload,
     PreslidingHysteresis,
@@ -136,6 +137,22 @@ def test_a_spent_budget_leaves_what_is_proven_and_says_what_was_not_tried(given)
     assert found.replay == ()
     with pytest.raises(ConfigError, match="budget is 0 s"):
         limo.diagnose(given, recording, budget=0.0)
+
+
+@pytest.mark.slow("a whole diagnosis")
+def test_a_damped_fall_across_a_gap_is_found_where_it_leaves_something_unexplained(given):
+    """It competes with nothing before: where no flank is met, it would be a lag or an armature."""
+    hidden = Backlash(joint=2, gap=0.02, damping=100.0)
+    true = plus(given, hidden)
+    recording = record(true, 0)
+    hanging = replace(recording, position=recording.position + np.array([0.0, 1.97]))
+    observed = Observations.of(true, [hanging], 10.0)
+    noise = NOISE / 20 * np.random.default_rng(5).standard_normal((len(hanging), 2))
+    found = diagnose(given, [replace(hanging, torque=observed.predict(true) + noise)])
+    assert names(found) == {("backlash", "missing", (2,))}
+    play = found.after.effects[-1]
+    assert (play.gap, play.damping) == pytest.approx((hidden.gap, hidden.damping), rel=0.05)
+    assert closure(found)[1] < CLOSED
 
 
 @pytest.mark.slow("two whole diagnoses")
