@@ -117,14 +117,6 @@ class Effect(Declared, ABC):
         return ()
 
     @classmethod
-    def seldom_at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
-        """Return those that compete only where the others leave something unexplained.
-
-        They bend to much that they are not, and would take the place of what is simpler.
-        """
-        return ()
-
-    @classmethod
     def on_arm(cls, recorded: DiagnosisContext) -> Iterable[Hypothesis]:  # noqa: ARG003
         """Return the hypotheses of a diagnosis about an effect of the arm as a whole."""
         return ()
@@ -378,6 +370,7 @@ class Hypothesis:
     family: Callable[..., Hypothesis] | None = field(default=None, compare=False)  # of settings
     bounds: tuple[tuple[float, float], ...] = ()  # of the settings
     sized: bool = False  # whether a setting is its size, of which it is: its coefficient is one
+    seldom: bool = False  # whether it competes only where the others leave something unexplained
     law: str = ""  # in words, where the effect follows one of several
     # effects of a simulation and coefficients → its effects, where adding to them is not enough
     enter: Enter | None = field(default=None, compare=False)

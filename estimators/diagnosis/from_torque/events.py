@@ -24,7 +24,7 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     suspects,
 )
 from estimators.diagnosis.from_torque.fitting.solving import having, solve
-from estimators.diagnosis.from_torque.hypotheses.catalogue import seldom
+from estimators.diagnosis.from_torque.hypotheses.catalogue import every
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
 from estimators.diagnosis.from_torque.residuals.jolts import Impact, Jolt, holds, impacts, jolts
@@ -200,7 +200,7 @@ def with_seldom_laws(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found among laws that seldom hold, too, where that leaves less unknown."""
     if not judged.unknown:
         return judged
-    problem = having(judged.problem, seldom(judged.problem.observed))
+    problem = having(judged.problem, every(judged.problem.observed, seldom=True))
     again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
     return judged.or_better(again) if set(again.unknown) < set(judged.unknown) else judged
 

@@ -157,14 +157,11 @@ class Backlash(MotionEffect):
         """
         for gap in GAPS:
             yield cls.of_gap(joint, gap)
+        for gap in DAMPED_GAPS:  # where no flank is met, they are lags, or armatures
+            yield from (cls.of_gap(joint, gap, damping) for damping in DAMPINGS)
         width, most = sign_width_at(joint, recorded), MOST_DRAG * dry_at(joint, recorded)
         for gap in DRAGGED_GAPS if most > 0 else ():
             yield cls.of_drag(joint, width, most, gap)
-
-    @classmethod
-    def seldom_at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield falls that are damped: where no flank is met they are lags, or armatures."""
-        yield from (cls.of_gap(joint, gap, damping) for gap in DAMPED_GAPS for damping in DAMPINGS)
 
     @classmethod
     def further_laws(cls, found: Hypothesis) -> Iterator[Hypothesis]:
@@ -194,6 +191,7 @@ class Backlash(MotionEffect):
             bounds=own,
             sized=True,
             most=2.0,  # beyond, another gap of the grid is nearer
+            seldom=damping is not None,
             law=FREE if damping is None else SLOWED,
         )
 

@@ -32,22 +32,18 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def every(observed: Observations) -> Iterator[Hypothesis]:
-    """Yield all hypotheses for a recorded arm."""
+def every(observed: Observations, *, seldom: bool = False) -> Iterator[Hypothesis]:
+    """Yield the hypotheses for a recorded arm; `seldom` those for what others leave unexplained."""
+    return (item for item in _every(observed) if item.seldom == seldom)
+
+
+def _every(observed: Observations) -> Iterator[Hypothesis]:
     recorded = recorded_in(observed)
     for joint in range(1, observed.n + 1):
         for effect in every_effect():
             yield from effect.at_joint(joint, recorded)
     for effect in every_effect():
         yield from effect.on_arm(recorded)
-
-
-def seldom(observed: Observations) -> Iterator[Hypothesis]:
-    """Yield those that compete only where the others leave something unexplained."""
-    recorded = recorded_in(observed)
-    for joint in range(1, observed.n + 1):
-        for effect in every_effect():
-            yield from effect.seldom_at_joint(joint, recorded)
 
 
 def rivals(hypothesis: Hypothesis) -> Iterator[Hypothesis]:
