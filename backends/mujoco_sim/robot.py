@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,26 +33,21 @@ from limo_driver.errors import (
     LimoError,
     ShapeError,
 )
+from limo_driver.model import RobotModel
+from limo_driver.physics import Simulation
 from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.runtime.installed_mujoco import mujoco
 from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     FloatArray,
     ImpedanceCommand,
+    JointCommand,
     JointState,
     Motion,
     PositionCommand,
     StatesAhead,
     TorqueCommand,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.model import RobotModel
-    from limo_driver.physics import Simulation
-    from limo_driver.types import JointCommand
 
 MOTOR_INERTIA_PER_TORQUE = 0.01  # [kg m²/(N m)], harmonic drives of geared arms, order of size
 _LIMIT_PER_LOAD = 2.0  # of drives as arms have them, where no limit is stated

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from estimators.regression.definite import jackknife
@@ -30,21 +31,14 @@ from estimators.rigid_body.tolerances import (
     without_stated,
 )
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
 from limo_driver.model.units import unit_of
-from limo_driver.physics import Armature, Simulation
+from limo_driver.physics import Armature, Effect, Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect, Tolerances
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF
 _TOLERABLE = (1e-4, 10.0)  # beyond, the prior or the data vanish in rounding

@@ -4,24 +4,20 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.exports.urdf import rotors_of, tables_of
 from limo_driver.exports.xml_edits import DRAKE, ISAAC_LAB, MJCF, URDF, USD, XmlText
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model.descriptions.description import RobotDescription
-    from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.model.descriptions.description import RobotDescription
+from limo_driver.physics import Simulation
+from limo_driver.types import FloatArray, Motion
 
 _FINE: Final = 2e-3  # [s], steps in which memory goes on
 _HEAVY: Final = 1e12  # [kg m²]

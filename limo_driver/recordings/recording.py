@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.model import RobotModel
 from limo_driver.recordings.channels import (
     CHANNELS,
     Columns,
@@ -38,13 +39,6 @@ from limo_driver.recordings.gate.doubts import (
 from limo_driver.recordings.gate.rows import inspect, inspect_by_joint
 from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from limo_driver.model import RobotModel
 
 __all__ = ["Columns", "LeftOut", "Recording"]
 

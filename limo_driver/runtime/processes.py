@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
     from subprocess import Popen
     from types import FrameType
-    from typing import Self
 
 _ENDING: Final = {signal.SIGINT, signal.SIGTERM}
 _STOP: Final = b"\0"  # no signal has this number

@@ -7,10 +7,12 @@ the master does.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from backends.can import port as frames
+from backends.can.config import Cia402Joint, Temperature
 from backends.can.simulator.drive import (
     FAULTY,
     POWERED,
@@ -42,11 +44,6 @@ from backends.can.simulator.objects import (
     SimulatedPdo,
     Variable,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from backends.can.config import Cia402Joint, Temperature
 
 CSP, CST = 8, 10  # modes of operation
 SUPPORTED: Final = 1 << 7 | 1 << 9  # object 6502: CSP and CST

@@ -9,14 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+from backends.can.config import DamiaoJoint
 from backends.can.damiao import codec as damiao
 from backends.can.simulator.drive import Actuation, JointPort, SimulatedDrive
 from limo_driver.errors import WireFormatError
-
-if TYPE_CHECKING:
-    from backends.can.config import DamiaoJoint
 
 POSITION_RANGE: Final = 12.5  # [rad], as such motors are delivered
 VELOCITY_RANGE: Final = 10.0  # [rad/s]

@@ -49,7 +49,6 @@ from backends.fri.codec.messages import (
 from backends.fri.codec.template import MonitoringTemplate
 
 if TYPE_CHECKING:
-    from backends.fri.codec.messages import ControlMode, FriVersion
     from backends.fri.simulator.arm import ArmState
     from backends.fri.simulator.settings import SessionTimes
     from limo_driver.model import RobotModel

@@ -12,13 +12,14 @@ from __future__ import annotations
 
 import sys
 from collections import UserDict
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from importlib.metadata import version
 from inspect import getdoc
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import Annotated, Any, Final
 
 import typer
 from typer.core import TyperGroup
@@ -26,9 +27,6 @@ from typer.main import get_command, get_group
 
 from limo_driver.app.console.arguments import without_args
 from limo_driver.runtime.compilation import Compilation, report_to
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
 
 _COMMANDS = "limo_driver.app.cli"  # imported by name, as each command is: it imports this module
 _UNWRAPPED = "\b\n"  # before a paragraph that keeps its lines

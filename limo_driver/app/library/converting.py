@@ -3,32 +3,28 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from itertools import chain
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from limo_driver.app.library.reading import columns_of, mapping_of, proposed, said
 from limo_driver.errors import LimoError, RecordingError
 from limo_driver.logs.readers.blocks import check_units, long_log
 from limo_driver.logs.readers.formats.bag import read_bags, topic_with
+from limo_driver.logs.readers.mapping import LogMapping
 from limo_driver.logs.readers.proposals.proposal import propose
 from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
+from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import joint_state_blocks
+from limo_driver.model import RobotModel
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.recording_file import columns_writer
 from limo_driver.recordings.gate.doubts import LeftOut, OneClock, without_silent_torques
 from limo_driver.recordings.gate.rows import inspect
 from limo_driver.recordings.recording import Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from limo_driver.logs.readers.mapping import LogMapping
-    from limo_driver.logs.readers.table import LogTable
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.channels import Columns
 
 
 @dataclass(frozen=True)

@@ -12,29 +12,26 @@ import os
 import sys
 import threading
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 from limo_driver.app.library.executors import attempted
 from limo_driver.app.library.inputs import recording_of, simulation_of
 from limo_driver.app.library.reading import read_commanded
 from limo_driver.errors import ConfigError
+from limo_driver.physics import Simulation
 from limo_driver.recordings.commanded import Commanded
+from limo_driver.recordings.recording import Recording
 from limo_driver.robot.playback import trajectory_of
 from limo_driver.runtime.parameters import seed_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.trajectory import Planned, Trajectory
-    from limo_driver.types import FloatArray
+from limo_driver.trajectory import Planned, Trajectory
+from limo_driver.types import FloatArray
 
 # [s] that a thread may keep the interpreter from another that comes out of the compiled loop after
 # some milliseconds: by the usual 5 ms two workers did 1.5 times the work of one, by this 1.7.

@@ -5,13 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
 from limo_driver.errors import ConfigError, WireFormatError
+from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.network.messages import (
     JOINT_STATE,
@@ -27,16 +29,10 @@ from limo_driver.network.messages import (
     encode_wrench,
 )
 from limo_driver.network.ros import RosNode, RosPublisher, RosReader, RosTopic, unlike
-from limo_driver.network.streaming import KEPT_EVENTS, follow_history
+from limo_driver.network.streaming import KEPT_EVENTS, Keys, follow_history
 from limo_driver.quoting import in_line
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.network.streaming import Keys
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 # What is published as well as events, by the last part of its name.
 STREAMS: Final = {

@@ -9,15 +9,13 @@ from __future__ import annotations
 
 import re
 import struct
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from limo_driver.errors import WireFormatError
 from limo_driver.network.messages.cdr import CdrReader
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 CODES: Final = {
     "bool": "?",

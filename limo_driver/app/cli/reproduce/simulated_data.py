@@ -10,13 +10,14 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from estimators.rigid_body.base_parameters import Conditioning
 from estimators.studies.table1_data import DESCRIPTION, RBD, RECORDINGS, SCHEMA
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
     CoulombFriction,
+    Effect,
     JointElasticity,
     PreslidingHysteresis,
     Sensors,
@@ -35,10 +36,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rich.console import Console
-    from rich.progress import TaskID
 
     from estimators.studies.table1_results import Trial, TrialResult
-    from limo_driver.physics import Effect
     from limo_driver.trajectory import Trajectory
 
 ROBOT: Final = "iiwa14"

@@ -6,11 +6,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.app.library.first_motion.records import PASSED, STEPS, TITLES, number_of
+from limo_driver.app.library.first_motion.records import PASSED, STEPS, TITLES, Folder, number_of
 from limo_driver.errors import LimoError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import DRAWN, JOINTS, MEASURED, curve, joint_motion, layout, numbers
 from limo_driver.pages.markup import (
+    Figure,
     columns,
     folded,
     header,
@@ -27,8 +28,6 @@ from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from limo_driver.app.library.first_motion.arms import RealArm
-    from limo_driver.app.library.first_motion.records import Folder
-    from limo_driver.pages.markup import Figure
 
 Record = dict[str, Any]
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from limo_driver.errors import BackendError, CycleTimeoutError
 from limo_driver.robot.robot import READY_TIMEOUT, Robot
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from limo_driver.types import FloatArray, JointCommand, JointState
+from limo_driver.types import FloatArray, JointCommand, JointState
 
 
 def first_state(robot: Robot, timeout: float) -> JointState:

@@ -8,12 +8,14 @@ last two is what was shadowed, from the same files.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from limo_driver.app.library.first_motion.arms import LINK_SECONDS
+from limo_driver.app.library.first_motion.arms import LINK_SECONDS, RealArm
 from limo_driver.app.library.first_motion.gravity import NO_TORQUE, TOLERANCE, judge_gravity
 from limo_driver.app.library.first_motion.motions import (
     JOINT_BEHIND,
@@ -36,21 +38,14 @@ from limo_driver.errors import (
     JointLimitError,
     PathError,
 )
-from limo_driver.robot.playback import Playback
+from limo_driver.robot.playback import Playback, PlaybackSummary
 from limo_driver.robot.registry import Examination
+from limo_driver.robot.robot import Robot
 from limo_driver.runtime.outputs import only_writer, require_folder
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray
 from limopa import Exploring, Surroundings
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from limo_driver.app.library.first_motion.arms import RealArm
-    from limo_driver.robot.playback import PlaybackSummary
-    from limo_driver.robot.robot import Robot
-    from limo_driver.types import FloatArray
 
 MOTIONS: Final = ("one-joint", "limopa")
 _FIRST: Final = 10.0  # [s] in which a first measurement has to come

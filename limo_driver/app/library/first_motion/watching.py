@@ -18,14 +18,13 @@ from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.safety import COMPLIANT_TIMEOUT, STALE_TIMEOUT
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.runtime.parameters import Declared, parameter
-from limo_driver.types import JointState, PositionCommand
+from limo_driver.types import FloatArray, JointState, PositionCommand
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from limo_driver.robot.registry import Examination
     from limo_driver.robot.robot import Robot
-    from limo_driver.types import FloatArray
 
 REST: Final = 2e-3  # [rad] by which a joint at rest may be measured elsewhere meanwhile
 BEYOND: Final = 0.01  # [rad] beyond a limit that a joint may be measured, by its encoder's zero

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.table import LogTable
 from limo_driver.runtime.given_files import check_file
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.logs.readers.table import LogTable
 
 _POINTER: Final = b"version https://git-lfs"
 BAGS: Final = (".mcap", ".db3", ".zstd", ".bag")
