@@ -14,8 +14,7 @@ from limo_driver.quoting import in_shell
 from limo_driver.runtime.display import joints_called
 from limopa.excitation.search import Excitation
 from limopa.excitation.servo import ServoExcitation
-from limopa.planner import Plan
-from limopa.statistics import Statistics, summarise
+from limopa.planner import Plan, Statistics, summarise
 
 _LONG = 120.0  # [s], said in minutes from here on
 _LEAD = (

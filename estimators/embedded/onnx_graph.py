@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from estimators.hybrid import HybridModel
 from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.neural import Network
-from estimators.neural.lru import Lru
-from estimators.neural.lstm import Gru, Lstm, LstmFcl, cell_name
+from estimators.neural.lstm import Gru, Lru, Lstm, LstmFcl, cell_name
 from estimators.neural.mlp import Mlp
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.plugins import require_package

@@ -23,7 +23,7 @@ from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.arm import ArmState
-    from backends.fri.simulator.settings import ControllerSettings
+    from backends.fri.simulator.session import ControllerSettings
     from limo_driver.physics import Simulation
 
 WIND_DOWN: Final = 0.1  # [s] in MONITORING_READY before the session is closed

@@ -28,8 +28,7 @@ from backends.fri.simulator.scenario import FlangeForce, HandGuiding, Now
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.simulator.session import ControllerSession
-    from backends.fri.simulator.settings import ControllerSettings
+    from backends.fri.simulator.session import ControllerSession, ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import (
+from limo_driver.app.console.command_line import (
     RobotOption,
     RosDomain,
     SessionOptions,

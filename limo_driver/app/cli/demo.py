@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import progress_bar, terminal
 from limo_driver.errors import ConfigError, LimoError
 from limo_driver.runtime.outputs import require_place

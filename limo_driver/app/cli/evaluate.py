@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.command_line import MappingOption, describe_options
 from limo_driver.app.console.terminal import table_of, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import require_folder

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS
+from limo_driver.app.console.command_line import ROBOTS
 
 if TYPE_CHECKING:
     from limo_driver.errors import RecordingError
@@ -153,7 +153,7 @@ def _print_json(found: Inspection, settled: Settled) -> None:
 
 
 def _show(found: Inspection, settled: Settled) -> None:
-    from limo_driver.app.console.arguments import in_options
+    from limo_driver.app.console.command_line import in_options
     from limo_driver.app.console.terminal import terminal
 
     console = terminal(soft_wrap=True)

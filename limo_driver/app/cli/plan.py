@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import RobotOption, describe_options
+from limo_driver.app.console.command_line import RobotOption, describe_options
 from limo_driver.app.console.terminal import joint_table, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file, require_parquet

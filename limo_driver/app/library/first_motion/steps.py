@@ -29,8 +29,13 @@ from limo_driver.app.library.first_motion.motions import (
 from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
-from limo_driver.app.library.first_motion.shadow import ShadowRobot, first_state
-from limo_driver.app.library.first_motion.watching import Watch, WatchSettings, hold_still
+from limo_driver.app.library.first_motion.watching import (
+    ShadowRobot,
+    Watch,
+    WatchSettings,
+    first_state,
+    hold_still,
+)
 from limo_driver.errors import (
     BackendError,
     ConfigError,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from limo_driver.app.library.whole import plant
+from limo_driver.app.library.whole.page import Step
 from limo_driver.app.library.whole.processes import ARM
-from limo_driver.app.library.whole.steps import Step
 from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
 from limo_driver.network.streaming import Keys
 from limo_driver.recordings.recording import Recording

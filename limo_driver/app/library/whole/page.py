@@ -1,8 +1,9 @@
-"""The page of the whole: each step's figure and its bar, and the torque that a consumer felt."""
+"""Steps of the proof of the whole, what came of them, and the page that shows it."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,7 +13,41 @@ from limo_driver.pages.markup import header, key, section, table, typeset
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
-    from limo_driver.app.library.whole.proving import Proof
+    from limo_driver.app.library.whole.processes import ProvenWire
+
+
+@dataclass(frozen=True)
+class Step:
+    """What came of one step.
+
+    Args:
+        name: What was proven.
+        figure: What was measured, with its unit.
+        bar: What it is held to.
+        held: Whether it is.
+    """
+
+    name: str
+    figure: str
+    bar: str
+    held: bool
+
+
+@dataclass
+class Proof:
+    """The steps, what a consumer felt, and how long all took."""
+
+    wire: ProvenWire
+    steps: list[Step] = field(default_factory=list)
+    felt: list[tuple[Any, Any]] = field(default_factory=list)  # stamps [ns], external [N m]
+    seconds: float = 0.0
+    failure: str = ""  # why it ended early
+
+    @property
+    def held(self) -> bool:
+        """Whether every step was reached and held to its bar."""
+        return not self.failure and all(step.held for step in self.steps)
+
 
 _LEAD: Final = (
     "Separate processes, real Zenoh: an arm in MuJoCo and its driver, a service, a consumer. Each "

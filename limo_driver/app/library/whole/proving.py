@@ -23,6 +23,7 @@ from limo_driver.app.library.whole.explaining import (
     judge_finding,
     read_log,
 )
+from limo_driver.app.library.whole.page import Proof, Step
 from limo_driver.app.library.whole.processes import (
     RATE,
     Consumer,
@@ -33,7 +34,6 @@ from limo_driver.app.library.whole.processes import (
     recorded,
     wire_of,
 )
-from limo_driver.app.library.whole.steps import Proof, Step
 from limo_driver.errors import LimoError
 from limo_driver.network.streaming import open_session
 from limo_driver.runtime.plugins import require_package

@@ -26,8 +26,7 @@ from limo_driver.logs.readers.columns import (
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import about_no_stamps, bag_files, messages_of, ordered
 from limo_driver.logs.ros.known_layouts import layout_for
-from limo_driver.logs.ros.message_layout import DecodedMessage
-from limo_driver.logs.ros.plain_messages import numbers_of
+from limo_driver.logs.ros.message_layout import DecodedMessage, numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.batches import STRETCH, Stretches
