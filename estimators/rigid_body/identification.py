@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from estimators.regression.definite import jackknife
+from estimators.rigid_body import tolerances
 from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.fitting.consistent import (
     ConsistentFit,
@@ -23,13 +24,6 @@ from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_wid
 from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
-from estimators.rigid_body.tolerances import (
-    mounting_of,
-    stated_armatures,
-    stated_beside,
-    tolerances_of,
-    without_stated,
-)
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.units import unit_of
@@ -145,8 +139,8 @@ def identify(
     terms, rows = terms or JointTerms(), rows or Rows(bandwidth_for(recordings))
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)
-    stated = stated_beside(model, terms)
-    recordings = without_stated(model, recordings, stated, rows.bandwidth)
+    stated = tolerances.stated_beside(model, terms)
+    recordings = tolerances.without_stated(model, recordings, stated, rows.bandwidth)
     choice = choose_sign_widths(
         accumulate(model, terms, recordings, rows, progress), terms, base, nominal
     )
@@ -154,7 +148,7 @@ def identify(
     fit = fit_base(equations, base, nominal)
     spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
     data = Quadratic(*equations.weighted(fit.weight), spread)
-    armatures = stated_armatures(model, terms)
+    armatures = tolerances.stated_armatures(model, terms)
     bodies = _Bodies(model.n, model.linkage.links, terms, data, nominal, armatures)
     if tolerance is None:
         tolerance, likely = bodies.fit_most_likely()
@@ -172,7 +166,7 @@ def identify(
     apart = jackknife(fits)
     surely = replace(consistent, spread=np.concatenate([consistent.spread, apart]))
     covariance = surely.spread.T @ surely.spread
-    known = tolerances_of(consistent.parameters, covariance, equations, terms)
+    known = tolerances.tolerances_of(consistent.parameters, covariance, equations, terms)
     observable = equations.count > 0  # joints of which something is
     estimates = _estimates(terms, surely, observable, model.sliding)
     rmse = equations.rmse(consistent.parameters)
@@ -293,7 +287,7 @@ def _simulation(
         if (observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
         or (term.effect, joint) in stated
     )
-    every = (*effects, *beside, *mounting_of(model))
+    every = (*effects, *beside, *tolerances.mounting_of(model))
     return Simulation(model.name, every, bodies, tolerances=known)
 
 

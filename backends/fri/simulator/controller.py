@@ -225,12 +225,9 @@ class SimulatedController(Closing):
         if self._port.unsent:
             notes.append(f"{self._port.unsent} datagrams unsent: {self._port.last_refusal}")
         return ControllerReport(
-            version=settings.version.value,
+            settings=settings,
             client=str(self.client),
             bound=self.address,
-            mode=settings.mode.name.lower(),
-            period_ms=settings.period_ms,
-            multiplier=settings.multiplier,
             duration=self._time,
             ledger=self._ledger,
             visits=self.visits,

@@ -62,7 +62,7 @@ def command(
 
 def _go_the_whole_way(out: Path, backend: str) -> None:
     """Do all of it, print each step and its bar, and write the page."""
-    from limo_driver.app.library.whole.page import whole_page
+    from limo_driver.app.library.whole.explaining import whole_page
     from limo_driver.app.library.whole.proving import prove
     from limo_driver.runtime.outputs import require_folder
 

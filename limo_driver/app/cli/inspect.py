@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.command_line import ROBOTS
+from limo_driver.app.console.command_line import ROBOTS, describe_options
 
 if TYPE_CHECKING:
     from limo_driver.errors import RecordingError
@@ -18,38 +18,21 @@ if TYPE_CHECKING:
 _MAPPING = Path("mapping.yaml")
 
 
+@describe_options
 def command(
-    log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
+    log: Path,
+    *,
     robot: Annotated[
         str | None,
         typer.Option(help=f"The arm: {ROBOTS}. Without one, --page shows the columns as logged."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
-    topic: Annotated[
-        str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")
-    ] = None,
-    episode: Annotated[
-        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            help="Patterns of the columns that count beside the time, with commas between: of two "
-            "arms in one log, 'left_*'."
-        ),
-    ] = None,
-    mapping: Annotated[
-        Path | None,
-        typer.Option(help="Say what the log is worth as this mapping reads it, and write none."),
-    ] = None,
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a page (.html) with every column over time, the arm that moves with them, "
-            "and which parameters the motion shows."
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    out: Path = _MAPPING,
+    topic: str | None = None,
+    episode: int | None = None,
+    columns: str | None = None,
+    mapping: Path | None = None,
+    page: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Say what a log holds, and write how to read it.
 
@@ -64,6 +47,18 @@ def command(
 
     Every command that takes a recording takes the log itself, too, with `--mapping`, or without
     one where nothing is left to be decided.
+
+    Args:
+        log: The log: a file, or the folder of a bag.
+        out: Where to write the mapping.
+        topic: Topic of the joint states of a bag, if there are several.
+        episode: Episode of a LeRobotDataset; all if not given.
+        columns: Patterns of the columns that count beside the time, with commas between: of two
+            arms in one log, 'left_*'.
+        mapping: Say what the log is worth as this mapping reads it, and write none.
+        page: Write a page (.html) with every column over time, the arm that moves with them, and
+            which parameters the motion shows.
+        as_json: Print the findings as JSON.
 
     Examples:
         limo inspect log.csv --robot iiwa14

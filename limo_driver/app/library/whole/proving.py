@@ -17,13 +17,14 @@ import numpy as np
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.explaining import (
     BANDWIDTH,
+    Proof,
+    Step,
     count_unanswered,
     judge_explanation,
     judge_export,
     judge_finding,
     read_log,
 )
-from limo_driver.app.library.whole.page import Proof, Step
 from limo_driver.app.library.whole.processes import (
     RATE,
     Consumer,
