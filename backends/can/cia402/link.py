@@ -41,7 +41,6 @@ from backends.can.port import (
     TPDO2,
     TPDO3,
     BusPort,
-    Frame,
 )
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.measured import SLACK
@@ -279,10 +278,6 @@ class Cia402Link(Link):
                 data, self.port.now()
             )
         return handlers
-
-    def _take(self, frame: Frame) -> None:
-        if (handler := self._handlers.get(frame.id)) is not None:
-            handler(frame.data)
 
     def _sync(self, until: float) -> bool:
         """Start a cycle; say whether every drive answered until then."""

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.command_line import ROBOTS, describe_options
+from limo_driver.app.console.command_line import ROBOTS, describe_options, in_options
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.quoting import in_shell
+from limo_driver.runtime.outputs import require_file, require_page, whole
 
 if TYPE_CHECKING:
-    from limo_driver.errors import RecordingError
     from limo_driver.logs.readers.inspection import Inspection, Settled
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
     from limo_driver.model import RobotModel
@@ -66,11 +69,9 @@ def command(
         limo inspect log.csv --robot iiwa14 --mapping mapping.yaml --page log.html
         limo convert log.csv --mapping mapping.yaml --out run.parquet
     """
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inspecting import inspect, save_page
     from limo_driver.logs.readers.inspection import Settled, settle
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
-    from limo_driver.runtime.outputs import require_file, require_page
 
     inputs = [item for item in (log, mapping) if item is not None and item.is_file()]
     if page is not None:
@@ -102,9 +103,7 @@ def command(
 
 def _show_columns(log: Path, page: Path | None, topic: str | None, episode: int | None) -> None:
     """Write the page of a log of which no robot is known."""
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inspecting import save_columns
-    from limo_driver.errors import ConfigError
 
     if page is None:
         raise ConfigError("--robot: is needed to read a log; without one, --page shows its columns")
@@ -114,9 +113,6 @@ def _show_columns(log: Path, page: Path | None, topic: str | None, episode: int 
 
 def _with_template(error: NothingProposedError, out: Path) -> RecordingError:
     """Return the error with where a mapping is to be filled in, which is written there."""
-    from limo_driver.errors import RecordingError
-    from limo_driver.runtime.outputs import whole
-
     where = f"kept {out}, which is there: for a mapping to be filled in, name another file by --out"
     if not out.exists():
         with whole(out) as draft:
@@ -127,8 +123,6 @@ def _with_template(error: NothingProposedError, out: Path) -> RecordingError:
 
 def _print_json(found: Inspection, settled: Settled) -> None:
     import json
-
-    from limo_driver.app.console.terminal import terminal
 
     taken = {
         item.quantity: {"columns": item.columns, "unit": item.unit, "because": item.why}
@@ -148,8 +142,6 @@ def _print_json(found: Inspection, settled: Settled) -> None:
 
 
 def _show(found: Inspection, settled: Settled) -> None:
-    from limo_driver.app.console.command_line import in_options
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
     for line in (*str(found).splitlines(), *settled.told):
@@ -158,9 +150,6 @@ def _show(found: Inspection, settled: Settled) -> None:
 
 def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> None:
     """Say what to do with the mapping."""
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.quoting import in_shell
-
     console, path = terminal(soft_wrap=True), settled.path
     if open_ones := len(settled.mapping.undecided):
         what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.formats.arrow import kept_numbers, read_delimited, read_parquet
+from limo_driver.logs.readers.formats.lerobot import is_dataset, read_dataset
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.runtime.given_files import check_file
 
@@ -69,7 +71,6 @@ def read_table(
         return read_npz(path)
     if ending in OBJECTS:
         return _read_objects(path, ending)
-    from limo_driver.logs.readers.formats.arrow import kept_numbers, read_delimited, read_parquet
 
     if ending in TEXTS:
         return read_delimited(path)
@@ -86,8 +87,6 @@ def read_table(
 
 def is_log(folder: Path) -> bool:
     """Say whether a folder is one log: a bag as ROS 2 writes it, or a LeRobotDataset."""
-    from limo_driver.logs.readers.formats.lerobot import is_dataset
-
     return is_dataset(folder) or (folder / "metadata.yaml").is_file()
 
 
@@ -122,7 +121,6 @@ def _read_objects(path: Path, ending: str) -> LogTable:
 def _read_folder(
     path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
 ) -> LogTable:
-    from limo_driver.logs.readers.formats.lerobot import is_dataset, read_dataset
 
     if is_dataset(path):
         return read_dataset(path, episode)
