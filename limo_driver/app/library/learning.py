@@ -215,7 +215,8 @@ def predict(
     from estimators.base import Estimate
 
     recording = inputs.recording_of(recording)
-    model, _ = inputs.estimator_of(model)
+    if isinstance(model, (Path, str)) and not Path(model).is_dir():
+        model = inputs.simulation_of(model)
     if isinstance(model, Simulation):
         width = bandwidth_for([recording], bandwidth, model.bandwidth)
         if delay is None:
@@ -225,7 +226,8 @@ def predict(
         return _live(SimulationOnly(model, width), recording, delay)
     if bandwidth is not None:
         raise ConfigError("a bandwidth is of a simulation; a model has the one it was trained with")
-    return model.estimate(recording) if delay is None else _live(model, recording, delay)
+    trained = inputs.trained_of(model)
+    return trained.estimate(recording) if delay is None else _live(trained, recording, delay)
 
 
 def _live(model: Any, recording: Recording, delay: float) -> Estimate:  # noqa: ANN401  # LiveEstimator
