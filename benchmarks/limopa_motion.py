@@ -35,8 +35,7 @@ from limo_driver.runtime.compiled import compiled
 from limo_driver.types import Motion
 from limopa import Feasibility, PlanRequest, Surroundings, plan, summarise
 from limopa.distances import ways
-from limopa.planner import EXPLORING, REACHING
-from limopa.statistics import path_deviation, rotations
+from limopa.planner import EXPLORING, REACHING, path_deviation, rotations
 
 if TYPE_CHECKING:
     from limo_driver.trajectory import Trajectory

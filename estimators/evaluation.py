@@ -5,19 +5,17 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from estimators.evaluation_result import EvaluationResult
 from estimators.model_folder import provenance
+from estimators.residual_model import ResidualModel
 from limo_driver.recordings.filters.differentiation import ORDER
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.outputs import require_folder, whole
-
-if TYPE_CHECKING:
-    from estimators.residual_model import ResidualModel
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 FILES: Final = (
     "evaluation.json",

@@ -13,17 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from limo_driver.model.units import unit_of
-from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
-from limo_driver.pages.figures import (
-    AFTER,
-    BEFORE,
-    DRAWN,
-    FLOOR,
-    MEASURED,
-    curve,
-    joint_errors,
-    layout,
-)
+from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view, figures
 from limo_driver.pages.markup import columns, folded, grid, header, listed, next_steps, section
 from limo_driver.pages.motion import arm_section
 
@@ -37,7 +27,11 @@ if TYPE_CHECKING:
     from limo_driver.pages.markup import Figure as Chart
     from limo_driver.types import FloatArray
 
-_STYLES: Final = ((MEASURED, 4.0), (BEFORE, 1.4), (AFTER, 1.4))  # of the torques in their order
+_STYLES: Final = (
+    (figures.MEASURED, 4.0),
+    (figures.BEFORE, 1.4),
+    (figures.AFTER, 1.4),
+)  # of the torques in their order
 _RIGID: Final = "rigid body"
 _LEAST: Final = 1e-12  # [N m] of an error that others are compared with
 _OPEN: Final = 3  # joints whose curves are seen at once
@@ -110,11 +104,11 @@ def _silent(found: EvaluationResult) -> str:
 
 def _errors(found: EvaluationResult, charts: Charts) -> str:
     errors = (
-        ("noise floor", found.noise_floor, "line-ns-open", FLOOR),
-        (_RIGID, found.rigid_body.rmse, "circle-open", BEFORE),
-        (found.model, found.hybrid.rmse, "circle", AFTER),
+        ("noise floor", found.noise_floor, "line-ns-open", figures.FLOOR),
+        (_RIGID, found.rigid_body.rmse, "circle-open", figures.BEFORE),
+        (found.model, found.hybrid.rmse, "circle", figures.AFTER),
     )
-    chart = joint_errors(errors, found.joint_names, unit_of("N m", found.robot.sliding))
+    chart = figures.joint_errors(errors, found.joint_names, unit_of("N m", found.robot.sliding))
     values = dict(found.figures()) | {
         "unlike what was learned": [f"{part:.0%}" for part in found.outside]
     }
@@ -123,11 +117,11 @@ def _errors(found: EvaluationResult, charts: Charts) -> str:
 
 def _arm(found: EvaluationResult) -> ArmView:
     rows = lively_rows(found)
-    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
+    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // figures.DRAWN))
     ghosts = tuple(
         Ghost(name, colour, np.nan_to_num(found.measured - torque)[rows])
         for (name, torque), (colour, _) in zip(torques_of(found), _STYLES, strict=True)
-        if colour != MEASURED
+        if colour != figures.MEASURED
     )
     time, position = found.recording.time[rows], found.motion.position[rows]
     said = f"{time[0]:.1f} to {time[-1]:.1f} s of the recording."
@@ -174,19 +168,19 @@ def _curves(found: EvaluationResult, charts: Charts) -> str:
 
 def _joint(found: EvaluationResult, charts: Charts, j: int) -> str:
     rows = lively_rows(found)
-    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
+    rows = slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // figures.DRAWN))
     time, position = found.recording.time[rows], found.motion.position[rows, j]
     over_time: list[Chart] = []
     loops: list[Chart] = []
     for (name, torque), style in zip(torques_of(found), _STYLES, strict=True):
         own = torque[rows, j] - found.frictionless[rows, j]
-        over_time.append(curve(time, own, name, *style))
-        loops.append(curve(position, own, name, *style))
+        over_time.append(figures.curve(time, own, name, *style))
+        loops.append(figures.curve(position, own, name, *style))
     friction = f"friction [{found.units[j]}]"
     place = f"position [{unit_of('rad', found.robot.sliding, j)}]"
     drawn = (
-        (over_time, layout("time [s]", friction), "Friction over time", True),
-        (loops, layout(place, friction), "Friction over position", False),
+        (over_time, figures.layout("time [s]", friction), "Friction over time", True),
+        (loops, figures.layout(place, friction), "Friction over position", False),
     )
     return grid(
         charts.place(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimators.base import DEVIATIONS
+from estimators.base import DEVIATIONS, Estimate
 from estimators.slow_change import SlowChange
 from limo_driver.model.units import unit_of
 from limo_driver.runtime.display import Displayed
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from estimators.base import Estimate
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion

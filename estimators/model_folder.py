@@ -11,32 +11,28 @@ What each estimator keeps in them is its own: it is found by its name, see `esti
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from hashlib import sha256
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load as load_tensors
 from safetensors.numpy import save as save_tensors
 
 from estimators.residual_model import ResidualModel, estimator_called, known_estimators
 from limo_driver.errors import ConfigError, ModelStoreError, PlugInError
+from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.declarations import JsonNode, read_json
 from limo_driver.runtime.given_files import read_bytes
 from limo_driver.runtime.outputs import replacing
 from limo_driver.types import same_robot
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
 
 WEIGHTS: Final = "model.safetensors"
 SIMULATION: Final = "sim.yaml"

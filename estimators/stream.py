@@ -12,9 +12,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from estimators.base import Estimate, LiveEstimator, State
 from estimators.residual_model import SimulationOnly
@@ -30,13 +31,8 @@ from limo_driver.recordings.filters.causal_differentiation import (
 )
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
 from limo_driver.recordings.filters.standstill import RestingDifferentiator
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import FloatArray, Motion
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from limo_driver.recordings.recording import Recording
-
 
 EARLY: Final = (
     0.3  # of the delay; sharper motion hears more noise, a later one leaves less to filter

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.logs.readers.inspection import WELL
+from limo_driver.logs.readers.inspection import WELL, ShownParameter
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
 
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from estimators.rigid_body.identification import Identification
-    from limo_driver.logs.readers.inspection import ShownParameter
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording

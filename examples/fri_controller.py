@@ -20,7 +20,7 @@ import limo_driver as limo
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.scenario import ControllerScenario
-from backends.fri.simulator.settings import ControllerSettings
+from backends.fri.simulator.session import ControllerSettings
 from limo_driver.robot.interrupts import interrupts
 
 if TYPE_CHECKING:

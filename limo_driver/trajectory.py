@@ -16,7 +16,7 @@ import numpy as np
 from limo_driver.errors import ConfigError, PathError, ShapeError
 from limo_driver.runtime import written_by
 from limo_driver.runtime.given_files import check_file
-from limo_driver.types import FloatArray, Motion, as_numbers, same_robot
+from limo_driver.types import FloatArray, JointLimits, Motion, as_numbers, same_robot
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from numpy.typing import NDArray
 
-    from limo_driver.types import JointLimits
 
 _METADATA_KEY = b"limo.trajectory"
 _QUANTITIES = ("position", "velocity", "acceleration")

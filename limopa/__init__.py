@@ -10,9 +10,8 @@ from limopa.excitation.search import Excitation, ExcitationRequest, excite
 from limopa.excitation.servo import ServoExcitation, ServoRequest, excite_servos
 from limopa.feasibility import Feasibility
 from limopa.picture import draw
-from limopa.planner import Plan, plan
+from limopa.planner import Plan, Statistics, plan, summarise
 from limopa.request import Exploring, PlanRequest, Reaching, Surroundings, Workspace
-from limopa.statistics import Statistics, summarise
 
 __all__ = [
     "Excitation",

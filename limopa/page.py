@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from math import inf
 from pathlib import PurePath
-from typing import TYPE_CHECKING
 
+from limo_driver.model import RobotModel
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.markup import columns, header, listed, next_steps, paragraph, section
 from limo_driver.pages.motion import planned_motion
 from limo_driver.quoting import in_shell
 from limo_driver.runtime.display import joints_called
-from limopa.statistics import summarise
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from limo_driver.model import RobotModel
-    from limopa.excitation.search import Excitation
-    from limopa.excitation.servo import ServoExcitation
-    from limopa.planner import Plan
-    from limopa.statistics import Statistics
+from limopa.excitation.search import Excitation
+from limopa.excitation.servo import ServoExcitation
+from limopa.planner import Plan, Statistics, summarise
 
 _LONG = 120.0  # [s], said in minutes from here on
 _LEAD = (

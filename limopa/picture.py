@@ -11,8 +11,7 @@ import numpy as np
 
 from limo_driver.model.kinematics import KinematicChain
 from limo_driver.runtime.outputs import whole
-from limopa.planner import EXPLORING, REACHING
-from limopa.statistics import reversal_rows, rotations
+from limopa.planner import EXPLORING, REACHING, reversal_rows, rotations
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from backends.can.config import DriveError
+from backends.can.config import ArmConfig, DriveError
 from backends.can.robot import CanRobot
 from limo_driver.errors import BackendError, ConfigError, CycleTimeoutError
 from limo_driver.robot.registry import Examination
-
-if TYPE_CHECKING:
-    from backends.can.config import ArmConfig
 
 MOST_SILENT: Final = 0.001  # of the cycles
 MOST_MISSED: Final = 0.01  # of the cycles

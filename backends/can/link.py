@@ -75,6 +75,7 @@ class Link(ABC):
     """
 
     gains: tuple[FloatArray, FloatArray] | None = None  # by which positions are kept, if sent
+    _handlers: dict[int, Callable[[bytes], None]]  # who takes the frames of each id
     carried: FloatArray | None = None  # gravity that was added last, (n,) [N m]; None for none
 
     def __init__(self, port: BusPort, period: float, model: RobotModel) -> None:
@@ -211,9 +212,10 @@ class Link(ABC):
 
         return note
 
-    @abstractmethod
     def _take(self, frame: Frame) -> None:
         """Note what a frame says; it may be of anybody."""
+        if (handler := self._handlers.get(frame.id)) is not None:
+            handler(frame.data)
 
     def _hear(self, until: float, enough: Callable[[], bool]) -> None:
         """Take in frames until then [s] or until it is enough; also what waits by then."""

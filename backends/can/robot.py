@@ -13,12 +13,12 @@ import numpy as np
 from backends.can.config import CIA402, ArmConfig
 from backends.can.port import BusPort
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
-from limo_driver.robot.output import instead
+from limo_driver.robot.output import Setpoint, instead
 from limo_driver.robot.realtime import LatencyHistogram, excuse
 from limo_driver.robot.robot import LISTENS, Robot
 from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
-from limo_driver.types import JointState
+from limo_driver.types import FloatArray, JointCommand, JointState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
     from backends.can.link import DriveSample, DriveStatus, Link
     from limo_driver.model import RobotModel
-    from limo_driver.robot.output import Setpoint
-    from limo_driver.types import FloatArray, JointCommand
 
 # Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
 # than any that may be measured.

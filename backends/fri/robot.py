@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from backends.fri import wire_limits
 from backends.fri.answers import Lead, check_taken, sent_as
 from backends.fri.codec.messages import DEFAULT_PORT, FriVersion, Monitoring, Quality, SessionState
 from backends.fri.codec.template import MonitoringTemplate
 from backends.fri.connection import Connection, connect, incomplete, pace, unusable
 from backends.fri.replies import Outputs, Replies
 from backends.fri.session import LinkFigures, Order, RobotSession, Visit, why_not_ready
-from backends.fri.wire_limits import (
-    Plausibility,
-    VelocityFilter,
-    WireLimits,
-    warm_up_plausibility,
-    warm_up_wire_limits,
-)
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -126,12 +120,12 @@ class FriRobot(Robot):
         super().__init__(spec, start_tolerance)
         self._reader = MonitoringTemplate(self._link.generation)
         self._session = RobotSession(1e-3 * self._link.send_period, self._link.multiplier)
-        self._wire = WireLimits(spec)
-        self._plausible = Plausibility(spec.limits, 1e-3 * self._link.send_period)
+        self._wire = wire_limits.WireLimits(spec)
+        self._plausible = wire_limits.Plausibility(spec.limits, 1e-3 * self._link.send_period)
         self._lead = Lead(
             self._contract, self._wire, self._session, self._plausible, self._hold_for
         )
-        self._velocity = VelocityFilter(spec.n)
+        self._velocity = wire_limits.VelocityFilter(spec.n)
         self._outputs = Outputs()
         self._replies = Replies(
             self._link,
@@ -494,8 +488,8 @@ def _measured(message: Monitoring) -> tuple[FloatArray, FloatArray] | None:
 def _warm_up(spec: RobotSpec) -> None:
     """Load what is compiled, before a robot waits for an answer."""
     warm_up(spec)
-    velocity, middle = VelocityFilter(spec.n), readonly(np.zeros(spec.n))
-    warm_up_plausibility(middle)
-    warm_up_wire_limits(spec)
+    velocity, middle = wire_limits.VelocityFilter(spec.n), readonly(np.zeros(spec.n))
+    wire_limits.warm_up_plausibility(middle)
+    wire_limits.warm_up_wire_limits(spec)
     for cycle in range(3):  # from no velocity, and from one
         velocity.update(cycle * spec.period, middle)

@@ -14,7 +14,7 @@ What is believed of a measurement, and the velocity that positions make.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
@@ -23,10 +23,7 @@ from backends.fri.connection import LARGEST_POSITION, LARGEST_TORQUE
 from limo_driver.robot.measured import RANGE_TOLERANCE, SLACK
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray, JointLimits, readonly
-
-if TYPE_CHECKING:
-    from limo_driver.types import RobotSpec
+from limo_driver.types import FloatArray, JointLimits, RobotSpec, readonly
 
 Numbers: TypeAlias = tuple[float, ...]
 # What was sent last: position [rad], the same where it was a set-point, and torque or wrench.

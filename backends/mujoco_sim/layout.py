@@ -14,18 +14,15 @@ equality holds the others to them in MuJoCo.
 # pyright: reportAttributeAccessIssue=false, reportUnknownParameterType=false
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import mujoco
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 POSITION, IMPEDANCE, TORQUE, DRIVES = 0, 1, 2, 3  # control modes; DRIVES: each joint its own
 

@@ -21,7 +21,7 @@ import numpy as np
 from backends.mujoco_sim import layout as row
 from backends.virtual import check_gains
 from limo_driver.errors import ConfigError
-from limo_driver.physics import JointCoupling
+from limo_driver.physics import BodyEffect, Effect, JointCoupling, SensorEffect, TorqueEffect
 from limo_driver.physics.effects.laws import ROW, friction_torque
 from limo_driver.runtime.compiled import compiled
 
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from backends.mujoco_sim.layout import Arrays, Scratch, Servo
     from limo_driver.model import RobotModel
-    from limo_driver.physics import BodyEffect, Effect, SensorEffect, TorqueEffect
     from limo_driver.types import FloatArray, ImpedanceCommand
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.

@@ -8,22 +8,19 @@ what its torque sensors measure goes through the filter that the recorded torque
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from backends.mujoco_sim.robot import MujocoRobot
 from backends.virtual import DEFAULT_PERIOD
 from limo_driver.errors import PathError
+from limo_driver.model import RobotModel
+from limo_driver.physics import Simulation
 from limo_driver.physics.effects.sensing import Sensors
 from limo_driver.recordings.filters.differentiation import smooth
+from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
-
-if TYPE_CHECKING:
-    from limo_driver.model import RobotModel
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 LEAD_IN = 1.0  # [s] in which the arm gets from rest into the recorded motion
 WARM_UP = 2.0  # [s] of recorded motion before a stretch: memory of reversals and filter settle

@@ -5,22 +5,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from backends.mujoco_sim import layout
+from backends.mujoco_sim import layout, realisation
 from backends.mujoco_sim.engine import Engine
 from backends.mujoco_sim.layout import DriveSideState
-from backends.mujoco_sim.realisation import (
-    check_elements,
-    check_impedance,
-    check_late,
-    draft_of,
-    effective_inertia,
-    usual_load,
-)
 from backends.mujoco_sim.sampled import SampledEffects, SensorNoise, TorqueSensors
 from backends.mujoco_sim.scene import PickedUpLoads, compile_model
 from backends.virtual import DEFAULT_PERIOD, SimulatedRobot, simulation_of, start_position
@@ -31,26 +25,21 @@ from limo_driver.errors import (
     LimoError,
     ShapeError,
 )
+from limo_driver.model import RobotModel
+from limo_driver.physics import Simulation
 from limo_driver.robot.safety import START_TOLERANCE
 from limo_driver.runtime.installed_mujoco import mujoco
 from limo_driver.runtime.parameters import seed_of
 from limo_driver.types import (
     FloatArray,
     ImpedanceCommand,
+    JointCommand,
     JointState,
     Motion,
     PositionCommand,
     StatesAhead,
     TorqueCommand,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.model import RobotModel
-    from limo_driver.physics import Simulation
-    from limo_driver.types import JointCommand
 
 MOTOR_INERTIA_PER_TORQUE = 0.01  # [kg m²/(N m)], harmonic drives of geared arms, order of size
 _LIMIT_PER_LOAD = 2.0  # of drives as arms have them, where no limit is stated
@@ -115,16 +104,16 @@ class MujocoRobot(SimulatedRobot):
     ) -> None:
         super().__init__(simulation_of(simulation, robot), period, start_tolerance)
         arm, n = self.simulation.body, self.spec.n
-        draft = draft_of(self.simulation.effects, n)
+        draft = realisation.draft_of(self.simulation.effects, n)
         self._plant = draft.plant(_motor_inertia(arm, motor_inertia))
         self._sampled = SampledEffects(draft, arm, period)
         self._model = compile_model(arm, self._plant, period, draft.shafts)
         self._loads = PickedUpLoads(draft, self._model, arm, self._plant, period)
         self._loads.carry(0.0)
         self._data = mujoco.MjData(self._model)
-        self._inertia = effective_inertia(arm, self._plant.armature)
-        check_elements(self._plant, self._inertia, period)
-        check_late(draft, self._inertia, period)
+        self._inertia = realisation.effective_inertia(arm, self._plant.armature)
+        realisation.check_elements(self._plant, self._inertia, period)
+        realisation.check_late(draft, self._inertia, period)
         self._arm_state = DriveSideState(arm, self._model, self._data)
         self._arrays = self._arm_state.arrays
         sensors = self.simulation.sensors
@@ -244,7 +233,7 @@ class MujocoRobot(SimulatedRobot):
         if type(command) not in _MODES:
             raise BackendError(f"the mujoco backend knows no {type(command).__name__}")
         if isinstance(command, ImpedanceCommand):
-            check_impedance(command, self._inertia, self.spec.period)
+            realisation.check_impedance(command, self._inertia, self.spec.period)
 
     def _send(self, command: JointCommand) -> None:
         self._wanted = command
@@ -365,7 +354,7 @@ def _motor_inertia(arm: RobotModel, given: Sequence[float] | FloatArray | None) 
     if given is None:
         stated = np.isfinite(limit)
         if not stated.all():
-            limit = np.where(stated, limit, _LIMIT_PER_LOAD * usual_load(arm))
+            limit = np.where(stated, limit, _LIMIT_PER_LOAD * realisation.usual_load(arm))
         return MOTOR_INERTIA_PER_TORQUE * limit
     inertia = np.array(given, dtype=float)
     if inertia.shape != limit.shape:

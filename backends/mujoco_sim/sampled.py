@@ -13,15 +13,7 @@ import numpy as np
 
 from backends.mujoco_sim import layout
 from backends.mujoco_sim.realisation import away_from_rest
-from limo_driver.physics import (
-    ArmEffect,
-    Effect,
-    Friction,
-    JointCoupling,
-    MotionEffect,
-    SensorEffect,
-    TorqueEffect,
-)
+from limo_driver import physics
 from limo_driver.physics.effect import ArmMotion, JointMotion, SensedTorque, State
 from limo_driver.physics.effects.sensing import quantise
 from limo_driver.types import FloatArray, Motion
@@ -112,35 +104,37 @@ class SampledEffects:
         arm = self._arm(0.0, position, rest, load)
         self.added[:] = self._always
         for effect, state in zip(self.effects, self._states, strict=True):
-            if isinstance(effect, MotionEffect) and effect.displaces:
+            if isinstance(effect, physics.MotionEffect) and effect.displaces:
                 self._add(effect, state, _Cycle(arm, rest, rest, rest, load.copy(), rest))
         self._last_static = self.added[layout.ADDED_STATIC_WIND_UP].copy()
 
     @singledispatchmethod
-    def _add(self, effect: Effect, state: State, cycle: _Cycle) -> State:  # noqa: ARG002
+    def _add(self, effect: physics.Effect, state: State, cycle: _Cycle) -> State:  # noqa: ARG002
         """Add what an effect does in the cycle, and return its memory after it."""
         raise TypeError(f"the simulated robot has no form for {type(effect).__name__}")
 
-    @_add.register(TorqueEffect)
-    def _(self, effect: TorqueEffect, state: State, cycle: _Cycle) -> State:
+    @_add.register(physics.TorqueEffect)
+    def _(self, effect: physics.TorqueEffect, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
         value, state = effect.evaluate(state, cycle.arm.of_joint(j))
         self.added[layout.ADDED_TORQUE, j] += value[0]
         return state
 
-    @_add.register(Friction)
-    def _damp(self, effect: Friction | MotionEffect, state: State, cycle: _Cycle) -> State:
+    @_add.register(physics.Friction)
+    def _damp(
+        self, effect: physics.Friction | physics.MotionEffect, state: State, cycle: _Cycle
+    ) -> State:
         """Add a torque that has the sign of the velocity, or its opposite, as a damping."""
         j = effect.joint - 1
         v = away_from_rest(cycle.ahead[j])
         sliding = replace(cycle.arm.of_joint(j), velocity=np.array([v]))
-        by = effect.evaluate if isinstance(effect, Friction) else effect.advance
+        by = effect.evaluate if isinstance(effect, physics.Friction) else effect.advance
         value, state = by(state, sliding)
         self.added[layout.ADDED_DAMPING, j] += value[0] / v
         return state
 
-    @_add.register(MotionEffect)
-    def _(self, effect: MotionEffect, state: State, cycle: _Cycle) -> State:
+    @_add.register(physics.MotionEffect)
+    def _(self, effect: physics.MotionEffect, state: State, cycle: _Cycle) -> State:
         if not effect.displaces:
             return self._damp(effect, state, cycle)
         j = effect.joint - 1
@@ -151,14 +145,14 @@ class SampledEffects:
         self.added[layout.ADDED_WIND_UP, j] += value[0]
         return state
 
-    @_add.register(ArmEffect)
-    def _(self, effect: ArmEffect, state: State, cycle: _Cycle) -> State:
+    @_add.register(physics.ArmEffect)
+    def _(self, effect: physics.ArmEffect, state: State, cycle: _Cycle) -> State:
         values, state = effect.advance(state, cycle.arm)
         self.added[layout.ADDED_TORQUE] += values[0]
         return state
 
-    @_add.register(JointCoupling)
-    def _(self, effect: JointCoupling, state: State, cycle: _Cycle) -> State:
+    @_add.register(physics.JointCoupling)
+    def _(self, effect: physics.JointCoupling, state: State, cycle: _Cycle) -> State:
         """Damp by the secant of the shaft's friction.
 
         Where both joints feel the shaft, MuJoCo damps it, implicitly in both. Where only one does,
@@ -210,9 +204,9 @@ class TorqueSensors:
     """
 
     def __init__(
-        self, effects: Sequence[SensorEffect | TorqueEffect], resolution: FloatArray
+        self, effects: Sequence[physics.SensorEffect | physics.TorqueEffect], resolution: FloatArray
     ) -> None:
-        self.effects = sorted(effects, key=lambda effect: isinstance(effect, SensorEffect))
+        self.effects = sorted(effects, key=lambda effect: isinstance(effect, physics.SensorEffect))
         self.resolution = resolution
         self._states = [effect.initial_state() for effect in self.effects]
 
@@ -230,7 +224,7 @@ class TorqueSensors:
         torque = log[:, layout.TRUE_TORQUE]
         for index, effect in enumerate(self.effects):
             j, state = effect.joint - 1, self._states[index]
-            if isinstance(effect, SensorEffect):
+            if isinstance(effect, physics.SensorEffect):
                 added, state = effect.advance(state, SensedTorque(time, torque))
             else:
                 added, state = effect.advance(state, _motion(time, log[:, :, j]))

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.stats import rankdata
 from scipy.stats import t as student
 
-from estimators.studies.table1_claims import JSON
 from estimators.studies.table1_data import PARTS, ROWS, paper_table
+from estimators.studies.table1_page import JSON
 from estimators.studies.table1_results import SPLIT_WORDS
 
 if TYPE_CHECKING:

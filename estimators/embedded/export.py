@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
+from estimators.base import LiveEstimator
 from estimators.embedded.contact import (
     FALSE_ALARMS,
     NO_CONTACT,
@@ -41,14 +43,9 @@ from limo_driver.recordings.filters.standstill import (
     REACH,
     RestingDifferentiator,
 )
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import require_folder, whole
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from estimators.base import LiveEstimator
-    from limo_driver.recordings.recording import Recording
 
 NAME: Final = "limo"
 _TORQUES: Final = 5  # of the model that are filtered: its own, three parts of it, and measured

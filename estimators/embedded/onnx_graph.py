@@ -10,25 +10,20 @@ Memory goes in and out, as in `step`: a caller gives back what it got, zeros at 
 from __future__ import annotations
 
 from functools import singledispatchmethod
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.hybrid import HybridModel
-from estimators.neural.lru import Lru
-from estimators.neural.lstm import Gru, Lstm, LstmFcl, cell_name
+from estimators.hybrid.fitted_network import FittedNetwork
+from estimators.neural import Network
+from estimators.neural.lstm import Gru, Lru, Lstm, LstmFcl, cell_name
 from estimators.neural.mlp import Mlp
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.plugins import require_package
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from estimators.hybrid.fitted_network import FittedNetwork
-    from estimators.neural import Network
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _OPSET: Final = 17
 # Ours are input, forget, cell, output, and of a GRU reset, update, candidate

@@ -7,28 +7,25 @@ the robot they have names and kinematics.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 import yaml
 
+from estimators.base import LiveEstimator
 from estimators.embedded.contact import FALSE_ALARMS
 from estimators.embedded.export import NAME, CodeExport, export_c, named, simulation_of
 from estimators.embedded.tables import table
 from estimators.rigid_body.regressor import RegressorChain
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import FlangeWrench
 from limo_driver.physics import Simulation
 from limo_driver.quoting import in_c_string, in_xml
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.outputs import require_folder, whole
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from estimators.base import LiveEstimator
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
 
 _TEMPLATES: Final = Path(__file__).parent / "ros2"
 _MARK: Final = re.compile("@(robot|frame|tables)@")

@@ -6,31 +6,27 @@ What a model has learned as C: constants, tables and the code that takes them.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from estimators.hybrid import HybridModel
 from estimators.joint_physics import JointPhysics, prediction
 from estimators.joint_physics import columns as terms
 from estimators.joint_physics.calibration import FASTER
+from estimators.neural import Network
 from estimators.neural.lstm import Lstm, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.residual_model import SimulationOnly
 from estimators.rigid_body.regressor import RegressorChain, link_parameters, parameters_of
 from limo_driver.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from estimators.neural import Network
-    from limo_driver.model import RobotModel
-    from limo_driver.physics.effects.body import Payload
-    from limo_driver.types import FloatArray
+from limo_driver.model import RobotModel
+from limo_driver.physics.effects.body import Payload
+from limo_driver.types import FloatArray
 
 SIDE_BY_SIDE: Final = 4  # doubles, of which what stands for each joint is filled up to a multiple
 _WIDTH: Final = 98  # of a line

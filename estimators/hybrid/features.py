@@ -6,22 +6,18 @@ The history is a scan over the positions, the same code for a whole recording an
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, Motion
 
 REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
 SATURATION: Final = float(np.deg2rad(10.0))  # [rad], of the rotational history, as in the paper

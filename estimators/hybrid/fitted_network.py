@@ -2,27 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.hybrid.features import Feature, Features
 from estimators.model_folder import WEIGHTS, ModelFolder
-from estimators.neural import NETWORKS
+from estimators.neural import NETWORKS, Network
 from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.recordings.channels import RATES
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from estimators.neural import Network
-    from limo_driver.runtime.declarations import ConfigNode, JsonNode
-    from limo_driver.types import FloatArray
+from limo_driver.runtime.declarations import ConfigNode, JsonNode
+from limo_driver.types import FloatArray
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
 MEAN, STD, LOWEST, HIGHEST = 0, 1, 2, 3  # rows of the table of an `InputScaling`

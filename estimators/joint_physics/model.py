@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -32,7 +32,7 @@ from estimators.joint_physics.prediction import (
     moments_of,
 )
 from estimators.model_folder import WEIGHTS, ModelFolder, provenance, write_folder
-from estimators.regression.empirical_bayes import fit
+from estimators.regression.empirical_bayes import RegionalFit, fit
 from estimators.residual_model import ResidualModel
 from limo_driver.errors import ModelStoreError
 from limo_driver.recordings.bandwidth import BANDWIDTH
@@ -40,11 +40,9 @@ from limo_driver.recordings.bandwidth import BANDWIDTH
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
-    from typing import Self
 
     from numpy.typing import NDArray
 
-    from estimators.regression.empirical_bayes import RegionalFit
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray, Motion

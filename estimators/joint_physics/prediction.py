@@ -42,14 +42,13 @@ import numpy as np
 
 from estimators.joint_physics.calibration import judge
 from estimators.joint_physics.columns import FRICTION_HARMONICS, SPEEDS, STATES, WIDTHS, scan
-from limo_driver.physics import TorqueEffect
+from limo_driver.physics import Simulation, TorqueEffect
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.joint_physics.columns import Arm, JointColumns
-    from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
 LANES: Final = 16  # floats that fill the widest vectors

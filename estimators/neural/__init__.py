@@ -1,7 +1,6 @@
 """Networks, evaluated in NumPy and Numba; PyTorch only trains them."""
 
-from estimators.neural.lru import Lru
-from estimators.neural.lstm import Gru, Lstm2, LstmFcl
+from estimators.neural.lstm import Gru, Lru, Lstm2, LstmFcl
 from estimators.neural.mlp import Mlp
 from estimators.neural.network import Network
 from estimators.neural.transformer import Transformer

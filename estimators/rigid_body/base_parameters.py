@@ -16,20 +16,16 @@ parameters of robots", IJRR 1992.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.regression.definite import ROUNDING, SymmetricSpectrum
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
+from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
 from limo_driver.types import FloatArray, Motion
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
 
 _SAMPLES = 100  # random samples, n equations each
 _INDEPENDENT = 1e-8  # part of a unit column that has to be new

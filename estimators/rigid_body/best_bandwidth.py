@@ -14,23 +14,20 @@ every error. Else it is the widest of those that hardly err more than the best.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.errors import LimoError, RecordingError
+from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 WIDEST: Final = 100.0  # [Hz], beyond which robots tell little of their motion
 _LADDER: Final = (1.25, 2.5, 5.0, 10.0, 20.0, 40.0, 80.0)  # [Hz]

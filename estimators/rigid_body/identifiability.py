@@ -11,22 +11,19 @@ Source: Fedorov, "Theory of Optimal Experiments", 1972 (information adds up over
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 
 from estimators.rigid_body.base_parameters import regressor_of
+from estimators.rigid_body.identification import Identification
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain
 from estimators.rigid_body.tables import BaseEstimate, base_estimates, sizes_of
 from limo_driver.logs.readers.inspection import NO_MOTION, WELL, ShownParameter
+from limo_driver.model import RobotModel
+from limo_driver.recordings.recording import Recording
 from limo_driver.types import FloatArray, Motion
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from estimators.rigid_body.identification import Identification
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
 
 _ROWS: Final = 1500  # of the recording, that its information is counted from
 _TRIED: Final = 240  # samples of a motion that is tried

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from estimators.regression.definite import jackknife
+from estimators.rigid_body import tolerances
 from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.fitting.consistent import (
     ConsistentFit,
@@ -22,29 +24,15 @@ from estimators.rigid_body.fitting.least_squares import BaseFit, choose_sign_wid
 from estimators.rigid_body.fitting.normal_equations import ArmEquations, Rows, accumulate
 from estimators.rigid_body.regressor import PER_LINK, parameters_of
 from estimators.rigid_body.terms import JointTerms, Term
-from estimators.rigid_body.tolerances import (
-    mounting_of,
-    stated_armatures,
-    stated_beside,
-    tolerances_of,
-    without_stated,
-)
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
 from limo_driver.model.units import unit_of
-from limo_driver.physics import Armature, Simulation
+from limo_driver.physics import Armature, Effect, Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect, Tolerances
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF
 _TOLERABLE = (1e-4, 10.0)  # beyond, the prior or the data vanish in rounding
@@ -151,8 +139,8 @@ def identify(
     terms, rows = terms or JointTerms(), rows or Rows(bandwidth_for(recordings))
     base = find_base_parameters(model, terms)
     nominal = nominal_parameters(model, terms)
-    stated = stated_beside(model, terms)
-    recordings = without_stated(model, recordings, stated, rows.bandwidth)
+    stated = tolerances.stated_beside(model, terms)
+    recordings = tolerances.without_stated(model, recordings, stated, rows.bandwidth)
     choice = choose_sign_widths(
         accumulate(model, terms, recordings, rows, progress), terms, base, nominal
     )
@@ -160,7 +148,7 @@ def identify(
     fit = fit_base(equations, base, nominal)
     spread, _ = equations.weighted(fit.weight**2 * fit.row_variance)
     data = Quadratic(*equations.weighted(fit.weight), spread)
-    armatures = stated_armatures(model, terms)
+    armatures = tolerances.stated_armatures(model, terms)
     bodies = _Bodies(model.n, model.linkage.links, terms, data, nominal, armatures)
     if tolerance is None:
         tolerance, likely = bodies.fit_most_likely()
@@ -178,7 +166,7 @@ def identify(
     apart = jackknife(fits)
     surely = replace(consistent, spread=np.concatenate([consistent.spread, apart]))
     covariance = surely.spread.T @ surely.spread
-    known = tolerances_of(consistent.parameters, covariance, equations, terms)
+    known = tolerances.tolerances_of(consistent.parameters, covariance, equations, terms)
     observable = equations.count > 0  # joints of which something is
     estimates = _estimates(terms, surely, observable, model.sliding)
     rmse = equations.rmse(consistent.parameters)
@@ -299,7 +287,7 @@ def _simulation(
         if (observable[joint - 1] and (deviation > 0 or term.effect.endswith("friction")))
         or (term.effect, joint) in stated
     )
-    every = (*effects, *beside, *mounting_of(model))
+    every = (*effects, *beside, *tolerances.mounting_of(model))
     return Simulation(model.name, every, bodies, tolerances=known)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -15,14 +17,8 @@ from estimators.rigid_body.regressor import RegressorChain
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.errors import NotFittedError, ShapeError
 from limo_driver.model import RobotModel
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-    from typing import Self
-
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, JointSample, Motion
+from limo_driver.recordings.recording import Recording
+from limo_driver.types import FloatArray, JointSample, Motion
 
 
 class RigidBodyModel:

@@ -21,20 +21,17 @@ Source: Featherstone, "Rigid Body Dynamics Algorithms", 2008, sec. 5.3.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
+from limo_driver.model import RobotModel
+from limo_driver.model.descriptions.geometry import Inertial
+from limo_driver.model.dynamics import JointLinkage
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.model.descriptions.geometry import Inertial
-    from limo_driver.model.dynamics import JointLinkage
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, Motion
 
 PER_LINK = 10
 

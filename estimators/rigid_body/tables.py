@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich import box
 from rich.table import Table
 
+from estimators.rigid_body.identification import Identification, TermEstimate
 from limo_driver.model.units import unit_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from estimators.rigid_body.identification import Identification, TermEstimate
 
 _MOST_DIGITS = 5  # behind the point, of what a table shows
 _NOTHING = "–"  # noqa: RUF001  # a dash, as in tables

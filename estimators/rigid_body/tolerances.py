@@ -40,7 +40,7 @@ import numpy as np
 from estimators.regression.definite import RegularisedInverse
 from estimators.rigid_body.fitting.consistent import metric_root
 from estimators.rigid_body.regressor import PER_LINK
-from limo_driver.physics import Armature, GravityDirection, Simulation, Tolerances
+from limo_driver.physics import Armature, Effect, GravityDirection, Simulation, Tolerances
 from limo_driver.physics.described import described_effects
 
 if TYPE_CHECKING:
@@ -49,7 +49,6 @@ if TYPE_CHECKING:
     from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
-    from limo_driver.physics import Effect
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 

@@ -18,12 +18,13 @@ Neurorobotics 2023, whose repository Baxter_Dynamic_Model has folders Training a
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -36,11 +37,7 @@ from estimators.studies.model_choice import best_model
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
 from limo_driver.recordings.recording import Recording
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 EMPS: Final = ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")
 SPEEDS: Final = ("high", "middle", "slow")

@@ -14,31 +14,26 @@ first one extrapolates least. Where nothing is confirmed, the simulation stays a
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimators.base import DEVIATIONS, Estimate, check_every_joint, check_recordings
-from estimators.hybrid import HybridModel
+from estimators.hybrid import Epoch, HybridModel
 from estimators.hybrid.model import train
 from estimators.hybrid.training.settings import usual_settings
 from estimators.joint_physics import JointPhysics, Learning
 from estimators.regression.empirical_bayes import confirmed_shares
+from estimators.residual_model import ResidualModel
 from limo_driver.errors import DivergedError, RecordingError
+from limo_driver.physics import Simulation
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from estimators.hybrid import Epoch
-    from estimators.residual_model import ResidualModel
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 SIMULATION: Final = "simulation"
 CONFIRMED: Final = "joint-physics, confirmed families"

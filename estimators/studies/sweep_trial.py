@@ -14,20 +14,25 @@ draws: 4                    # numbers from each range, the same for each combina
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from itertools import product
 from json import dumps
 from math import exp, log, prod
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from estimators.hybrid import HybridModel
+from estimators.hybrid.fitted_network import FittedNetwork
 from estimators.hybrid.training.data import LEFT_OUT, prepare
 from estimators.hybrid.training.settings import TrainingSettings, usual_settings
 from limo_driver.errors import ConfigError
-from limo_driver.runtime.declarations import read_yaml
+from limo_driver.physics import Simulation
+from limo_driver.recordings.recording import Recording
+from limo_driver.runtime.declarations import ConfigNode, read_yaml
 from limo_driver.runtime.outputs import KeptResults
 from limo_driver.runtime.parameters import (
     REAL,
@@ -38,16 +43,7 @@ from limo_driver.runtime.parameters import (
     parameter,
     parameters_of,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from estimators.hybrid.fitted_network import FittedNetwork
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.runtime.declarations import ConfigNode
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 MODEL: Final = "model"  # folder of a trial's model, as `limo train` writes it
 _DIGITS: Final = 24  # of a key: 96 bits

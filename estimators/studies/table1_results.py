@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
+from estimators.hybrid.training.settings import TrainingSettings
 from estimators.studies.table1_data import (
     ALL_ROWS,
     PAPER_JOINTS,
@@ -17,19 +20,13 @@ from estimators.studies.table1_data import (
     PERCEPTRON,
     TOPOLOGIES,
     Row,
+    TableData,
     paper_table,
 )
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import Declared, parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-    from pathlib import Path
-
-    from estimators.hybrid.training.settings import TrainingSettings
-    from estimators.studies.table1_data import TableData
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 SCHEMA: Final = 1
 SEQUENCES, SCAFFOLDS = "sequences", "recordings"  # splits, as `TrainingSettings` calls them

@@ -4,24 +4,25 @@
 # pyright: reportMissingImports=false, reportAttributeAccessIssue=false
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.exports.urdf import rotors_of, tables_of
 from limo_driver.exports.xml_edits import DRAKE, ISAAC_LAB, MJCF, URDF, USD, XmlText
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model.descriptions.description import RobotDescription
-    from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.model.descriptions.chain import JOINT, read_chain
+from limo_driver.model.descriptions.description import RobotDescription
+from limo_driver.model.descriptions.mjcf import is_passive_motor, joint_name, play_of
+from limo_driver.model.descriptions.mjcf.joints import keep_springs, plastic_springs, relax
+from limo_driver.model.descriptions.reading import read_description
+from limo_driver.physics import Simulation
+from limo_driver.runtime.installed_mujoco import mujoco
+from limo_driver.types import FloatArray, Motion
 
 _FINE: Final = 2e-3  # [s], steps in which memory goes on
 _HEAVY: Final = 1e12  # [kg m²]
@@ -40,10 +41,6 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
         locked: Positions of others, by name; the rest stays where the file has it.
         motion: T samples of n joints.
     """
-    from limo_driver.model.descriptions.mjcf import joint_name
-    from limo_driver.model.descriptions.mjcf.joints import keep_springs
-    from limo_driver.runtime.installed_mujoco import mujoco
-
     model = mujoco.MjModel.from_xml_path(str(path))
     remembering = copy(model)
     keep_springs(model, plastic=False)
@@ -87,7 +84,6 @@ class _Plays(NamedTuple):
 
 
 def _plays(model: Any) -> _Plays:  # noqa: ANN401
-    from limo_driver.model.descriptions.mjcf import play_of
 
     by_body = (
         list(range(first, first + many))
@@ -115,10 +111,6 @@ def _torque_of_memory(  # noqa: ANN202
     What they remember goes on as MuJoCo steps it, along the motion: of joints so heavy that no
     torque changes it.
     """
-    from limo_driver.model.descriptions.mjcf import is_passive_motor
-    from limo_driver.model.descriptions.mjcf.joints import keep_springs, plastic_springs, relax
-    from limo_driver.runtime.installed_mujoco import mujoco
-
     torque = np.zeros_like(motion.position)
     every = range(len(model.actuator_trntype))
     passive = np.array([is_passive_motor(model, u) for u in every], dtype=np.bool_)
@@ -162,9 +154,6 @@ def torque_in_pinocchio(
         motion: T samples of n joints.
     """
     import pinocchio as pin
-
-    from limo_driver.model.descriptions.chain import JOINT, read_chain
-    from limo_driver.model.descriptions.reading import read_description
 
     held = [f"{name}={value!r}" for name, value in locked.items()]
     description = read_description(path, [*joints, *held])

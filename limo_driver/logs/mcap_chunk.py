@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections.abc import Iterator
 from io import BytesIO
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Channel, Message, Schema
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from mcap.records import Chunk
+from mcap.records import Channel, Chunk, Message, Schema
 
 LARGEST_CHUNK: Final = 1 << 28  # bytes when unpacked
 ALWAYS_FINE: Final = 1 << 22  # bytes when unpacked, however small they were packed

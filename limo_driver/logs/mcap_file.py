@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from io import BytesIO
-from typing import TYPE_CHECKING, NamedTuple
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
@@ -25,11 +27,6 @@ from limo_driver.logs.mcap_chunk import records_in, unpacked
 from limo_driver.network.messages.cdr import ENCODING, SCHEMAS
 from limo_driver.runtime import written_by
 from limo_driver.runtime.given_files import check_file
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
-    from pathlib import Path
-    from typing import BinaryIO
 
 CDR = "cdr"
 _SEQUENCE_MASK = 0xFFFFFFFF

@@ -12,20 +12,17 @@ import re
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from math import inf
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from limo_driver.errors import ConfigError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter, read_mcap
 from limo_driver.network.messages.cdr import SCHEMAS
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 __all__ = ["LogLimits", "LoggedMessage", "McapLog", "read_mcap"]
 

@@ -15,7 +15,7 @@ import numpy as np
 import pinocchio as pin
 
 from limo_driver.errors import ConfigError
-from limo_driver.model.descriptions.geometry import Surface, read_mesh, rotation_of
+from limo_driver.model.descriptions.geometry import Colour, Surface, read_mesh, rotation_of
 from limo_driver.model.descriptions.shapes import Capsule, corners_of, mesh_file
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model.descriptions.description import RobotDescription
-    from limo_driver.model.descriptions.geometry import Colour
     from limo_driver.model.robot_model import RobotModel
     from limo_driver.types import FloatArray
 

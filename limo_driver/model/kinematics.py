@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
     from limo_driver.model.dynamics import JointLinkage
     from limo_driver.model.robot_model import RobotModel
-    from limo_driver.types import FloatArray
 
 _STILL: Final = 1e-6  # of a rotation by 1 rad: there is none
 

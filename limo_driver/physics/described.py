@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, TypeGuard
+from typing import Final, TypeGuard
 
 import numpy as np
 
+from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import JointDynamics, StatedBristles
 from limo_driver.physics.effect import MOST_SLOPE, BodyEffect, Effect, SensorEffect, State
 from limo_driver.physics.effects.arm import SpringLoad
@@ -27,12 +29,7 @@ from limo_driver.physics.effects.transmission import (
     TorqueRipple,
     wind_up,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, Motion
 
 # A description means a sign; smoothed over as little as recordings of slow arms resolve.
 SIGN_WIDTH: Final = 0.005  # [rad/s]

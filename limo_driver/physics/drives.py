@@ -7,20 +7,16 @@ hold no torque: the torque of its drives takes the place of the measured one.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 from limo_driver.errors import ParameterError
+from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.description import StatedMotor, StatedServo
 from limo_driver.physics.effect import FARTHEST, MOST_SLOPE, MOST_STIFFNESS, MOST_TORQUE
 from limo_driver.recordings.channels import POSITION, TORQUE, VELOCITY, CommandChannel
 from limo_driver.runtime.parameters import JOINT, Declared, Parameter, parameter, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from limo_driver.model import RobotModel
 
 LONGEST_DELAY: Final = 1.0  # [s]
 LONGEST_HEATING: Final = 1e4  # [s]

@@ -21,18 +21,16 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import TYPE_CHECKING, Any, ClassVar, Final, Protocol, TypeAlias
+from typing import Any, ClassVar, Final, Protocol, TypeAlias
 
 import numpy as np
 
+from limo_driver.model import RobotModel
 from limo_driver.physics.description import Description
 from limo_driver.physics.domain import Domain, JointMotion
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.parameters import JOINT, Declared, Parameter, parameter, parameters_of
-
-if TYPE_CHECKING:
-    from limo_driver.model import RobotModel
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, Motion
 
 # Bounds of what a file may say, far beyond the smallest servo and the largest arm: they catch a
 # wrong unit or a slip of the pen, and are no opinion of what is likely.

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
+from limo_driver.model import RobotModel
 from limo_driver.recordings.channels import POSITION, Columns, channels_of, chosen, led_by
 from limo_driver.recordings.checks import check_arm
 from limo_driver.recordings.gate.doubts import LeftOut, about_gaps, with_one_clock
 from limo_driver.recordings.gate.rows import inspect_commands
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import FloatArray, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
 
 _MOST: Final = 0.5  # of the rows, that have positions where commands can be held against them
 _STILL: Final = 2e-3  # [rad], range of positions that stand for none

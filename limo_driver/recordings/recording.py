@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
+from limo_driver.model import RobotModel
+from limo_driver.recordings import checks
 from limo_driver.recordings.channels import (
     CHANNELS,
     Columns,
@@ -19,13 +21,6 @@ from limo_driver.recordings.channels import (
     of_numbers,
     seconds,
     without_wraps,
-)
-from limo_driver.recordings.checks import (
-    check_arm,
-    check_seconds,
-    check_shapes,
-    check_values,
-    numbers,
 )
 from limo_driver.recordings.files.batches import STRETCH, STRETCH_SECONDS, Stretches
 from limo_driver.recordings.filters.filtered_samples import FilteredSamples
@@ -38,13 +33,6 @@ from limo_driver.recordings.gate.doubts import (
 from limo_driver.recordings.gate.rows import inspect, inspect_by_joint
 from limo_driver.runtime.display import Displayed
 from limo_driver.types import FloatArray, readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from limo_driver.model import RobotModel
 
 __all__ = ["Columns", "LeftOut", "Recording"]
 
@@ -114,8 +102,8 @@ class Recording(FilteredSamples, Displayed):
     def __post_init__(self) -> None:
         shape = np.shape(self.position)
         by_name = {"torque": self.torque, "velocity": self.velocity, "command": self.command}
-        check_shapes(self.time, self.position, by_name | dict(self.extras))
-        check_seconds(self.time, self.source)
+        checks.check_shapes(self.time, self.position, by_name | dict(self.extras))
+        checks.check_seconds(self.time, self.source)
         for name in ("time", "position", "torque", "velocity", "command"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, readonly(getattr(self, name)))
@@ -127,7 +115,7 @@ class Recording(FilteredSamples, Displayed):
             raise ShapeError("rows", rows.shape, f"({shape[0]},)")
         if (step := self.torque_resolution) is not None and np.shape(step) != shape[1:]:
             raise ShapeError("torque_resolution", np.shape(step), f"({shape[1]},)")
-        check_values(self.time, self.position, self.torque, self.source)
+        checks.check_values(self.time, self.position, self.torque, self.source)
         object.__setattr__(self, "channels", channels_of(self.channels, shape[1]))
 
     @classmethod
@@ -181,17 +169,17 @@ class Recording(FilteredSamples, Displayed):
             ShapeError: An array has another shape than the positions.
         """
         counted, taken = _seconds(time)
-        measured = numbers("position", position)
+        measured = checks.numbers("position", position)
         if torque is None and command is None:
             raise RecordingError("holds neither torques nor commands, expected either or both")
         columns = Columns(
             counted,
             measured,
-            np.full_like(measured, np.nan) if torque is None else numbers("torque", torque),
-            None if velocity is None else numbers("velocity", velocity),
-            {name: numbers(name, values) for name, values in (extras or {}).items()},
+            np.full_like(measured, np.nan) if torque is None else checks.numbers("torque", torque),
+            None if velocity is None else checks.numbers("velocity", velocity),
+            {name: checks.numbers(name, values) for name, values in (extras or {}).items()},
             warnings=(taken,) if taken else (),
-            command=None if command is None else numbers("command", command),
+            command=None if command is None else checks.numbers("command", command),
             channels=channels,
         )
         return cls.from_columns(columns, source)
@@ -214,7 +202,7 @@ class Recording(FilteredSamples, Displayed):
             "command": columns.command,
             **columns.extras,
         }
-        check_shapes(columns.time, columns.position, by_name)
+        checks.check_shapes(columns.time, columns.position, by_name)
         return cls._checked(columns, source)
 
     @classmethod
@@ -456,9 +444,9 @@ class Recording(FilteredSamples, Displayed):
             RecordingError: Other name, joint count, or positions that the joints cannot reach; or
                 there is no sample.
         """
-        check_arm(model, self.position, self.torque, self.robot, self.source)
+        checks.check_arm(model, self.position, self.torque, self.robot, self.source)
 
 
 def _seconds(time: ArrayLike) -> tuple[FloatArray, str]:
     values = np.asarray(time)
-    return seconds(values) if values.dtype.kind in "iumM" else (numbers("time", time), "")
+    return seconds(values) if values.dtype.kind in "iumM" else (checks.numbers("time", time), "")

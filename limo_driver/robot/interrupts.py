@@ -93,29 +93,6 @@ def release(robot: Interruptible) -> None:
             signal.signal(number, before)
 
 
-@contextmanager
-def deferred() -> Generator[None]:
-    """Let signals that would end the program wait for the end of the block, which has to be short.
-
-    Elsewhere than in the main thread, where none arrives, this does nothing.
-    """
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    came: list[int] = []
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, *ENDING)}
-    taken = {number: handler for number, handler in handlers.items() if callable(handler)}
-    try:
-        for number in taken:
-            signal.signal(number, lambda number, _: came.append(number))
-        yield
-    finally:
-        for number, handler in taken.items():
-            signal.signal(number, handler)
-        for number in came[:1]:
-            signal.raise_signal(number)
-
-
 def leave(number: int) -> NoReturn:
     """End the program as a signal asks for."""
     if number == signal.SIGINT:

@@ -8,6 +8,7 @@ stale measurements, and the end of the session.
 from __future__ import annotations
 
 import math
+import signal
 import time
 from abc import abstractmethod
 from contextlib import suppress
@@ -17,6 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from limo_driver.errors import BackendError, ConfigError, ConnectionLostError, CycleTimeoutError
 from limo_driver.robot import interrupts
 from limo_driver.robot.safety import START_TOLERANCE, SafetyContract
+from limo_driver.runtime.processes import deferred
 
 BRAKING_TIMEOUT = 10.0  # [s] of cycles in which an arm that is closed comes to rest
 BRAKING_PATIENCE = 0.5  # [s] in which it may not be heard meanwhile
@@ -276,7 +278,7 @@ class Robot(interrupts.Interruptible):
     def close(self) -> None:
         """Brake to rest within the limits, and end the session; a second call does nothing."""
         try:
-            with interrupts.deferred():
+            with deferred(signal.SIGINT, *interrupts.ENDING):
                 self._end()
         finally:  # else an interrupt came before, and a later call closes it
             if not self._open:

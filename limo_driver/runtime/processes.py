@@ -11,11 +11,11 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
     from subprocess import Popen
     from types import FrameType
-    from typing import Self
 
 _ENDING: Final = {signal.SIGINT, signal.SIGTERM}
 _STOP: Final = b"\0"  # no signal has this number
@@ -100,32 +99,39 @@ class Closing(ABC):
 
 
 @contextmanager
-def uninterrupted() -> Generator[None]:
-    """Let Ctrl-C wait for the end of the block, which has to be short.
+def deferred(*numbers: int) -> Generator[None]:
+    """Let signals wait for the end of the block, which has to be short.
 
-    Between the start of a thread and the `with` that ends it, an interrupt would leave a thread
-    that nobody ends, and the process would wait for it for ever. Elsewhere than in the main thread,
-    where no interrupt arrives, this does nothing.
+    Elsewhere than in the main thread, where none arrives, this does nothing; so it does to signals
+    that are ignored, or whose handler is none of Python's.
+
+    Args:
+        numbers: Of the signals.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     came: list[int] = []
-
-    def note(number: int, _frame: FrameType | None) -> None:
-        came.append(number)
-
-    handler = signal.getsignal(signal.SIGINT)
-    if not callable(handler):  # ignored, or none of Python's
-        yield
-        return
-    signal.signal(signal.SIGINT, note)
+    handlers = {number: signal.getsignal(number) for number in numbers}
+    taken = {number: handler for number, handler in handlers.items() if callable(handler)}
     try:
+        for number in taken:
+            signal.signal(number, lambda number, _: came.append(number))
         yield
     finally:
-        signal.signal(signal.SIGINT, handler)
-        if came:
-            signal.raise_signal(signal.SIGINT)
+        for number, handler in taken.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
+
+
+def uninterrupted() -> AbstractContextManager[None]:
+    """Let Ctrl-C wait for the end of a block.
+
+    Between the start of a thread and the `with` that ends it, an interrupt would leave a thread
+    that nobody ends, and the process would wait for it for ever.
+    """
+    return deferred(signal.SIGINT)
 
 
 class Ending(Closing):

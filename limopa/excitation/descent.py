@@ -22,17 +22,14 @@ from typing import TYPE_CHECKING, Protocol, TypeAlias
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
-from limo_driver.types import Motion
+from limo_driver.types import FloatArray, JointLimits, Motion
 from limopa.path import OVERSHOOT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from scipy.optimize import OptimizeResult
-
-    from limo_driver.types import FloatArray, JointLimits
     from limopa.feasibility import Feasibility
 
 _MEMORY = 20  # steps that L-BFGS remembers

@@ -16,16 +16,18 @@ Timeline: commands of all joints, one after the other at an even rate.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
 from limo_driver.logs.readers.formats.lerobot import write_actions
+from limo_driver.model import RobotModel
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole
 from limo_driver.runtime.parameters import Declared, parameter
@@ -35,12 +37,6 @@ from limopa.feasibility import Condition, Feasibility
 from limopa.path import Line
 from limopa.request import EVERYWHERE, Surroundings
 from limopa.scaffold import ScaffoldSampler
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
 
 
 class Timeline:

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from collections.abc import Callable, Iterable
+from typing import TypeVar
 
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
+from limo_driver.model import RobotModel
+from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray
 from limopa.feasibility import Condition, Feasibility
 from limopa.path import JointBounds, Line, Path, TimedPath, joined, retime
 from limopa.request import Surroundings, Workspace
 from limopa.scaffold import Exploration
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
-
-    from limo_driver.model import RobotModel
-    from limo_driver.trajectory import Trajectory
-    from limo_driver.types import FloatArray
 
 _Option = TypeVar("_Option")
 PERIOD = 1e-3  # [s]

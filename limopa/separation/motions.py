@@ -17,20 +17,16 @@ Source: the exciting motions are those of the friction literature: creep at stea
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from limo_driver.errors import ConfigError, InfeasiblePathError
+from limo_driver.model import RobotModel
+from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray
 from limopa.path import Line
 from limopa.separation.chain import MotionChain, first_feasible
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.trajectory import Trajectory
-    from limo_driver.types import FloatArray
 
 CREEP = (0.004, 0.01, 0.025, 0.06, 0.15)  # [rad/s]
 FAST = (0.05, 0.15, 0.35, 0.6, 0.8)  # shares of the slowest joint's velocity limit

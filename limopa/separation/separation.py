@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
+from limo_driver.model import RobotModel
 from limo_driver.physics import display_name
 from limo_driver.physics.catalogue import confusion_of, description_of
+from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray
 from limopa.separation import motions
 from limopa.separation.chain import first_feasible
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.trajectory import Trajectory
-    from limo_driver.types import FloatArray
 
 Kind: TypeAlias = "Callable[[RobotModel, FloatArray, Sequence[int]], Trajectory]"
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from limo_driver.app.console.arguments import in_options
+from limo_driver.app.console.command_line import in_options
 from limo_driver.errors import InfeasiblePathError
 from limopa import Exploring, Feasibility, PlanRequest, Surroundings, Workspace, plan
 from limopa.feasibility import Condition

@@ -17,7 +17,7 @@ from limo_driver.model import RobotModel
 from limo_driver.trajectory import Trajectory
 from limopa import Exploring, Feasibility, PlanRequest, Surroundings, Workspace, plan, summarise
 from limopa.path import Line
-from limopa.statistics import path_deviation
+from limopa.planner import path_deviation
 
 QUICK = PlanRequest(scaffolds=2, exploring=Exploring(waypoints=(200, 250)))
 

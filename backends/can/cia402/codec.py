@@ -16,19 +16,15 @@ the class that its first digits say.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from enum import Enum, IntEnum
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
+from backends.can.config import ArmConfig, Cia402Joint
 from backends.can.port import BusLoad, Traffic
-from limo_driver.types import readonly
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from backends.can.config import ArmConfig, Cia402Joint
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, readonly
 
 TARGETS: Final = struct.Struct("<Hih")  # RPDO1: controlword, target position, torque offset
 TORQUE: Final = struct.Struct("<hb")  # RPDO2: target torque, mode

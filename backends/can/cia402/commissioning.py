@@ -14,14 +14,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from backends.can.cia402.codec import OperatingMode, State, describe
-from backends.can.cia402.drive import longest_lag
-from backends.can.config import DriveError, SdoAbortError
+from backends.can.cia402.drive import Drive, longest_lag
+from backends.can.config import ArmConfig, Cia402Joint, DriveError, SdoAbortError
 from backends.can.port import RPDO1, RPDO2, SYNC, TPDO1, TPDO2, TPDO3
 
 if TYPE_CHECKING:
-    from backends.can.cia402.drive import Drive
     from backends.can.cia402.sdo import SdoClient
-    from backends.can.config import ArmConfig, Cia402Joint
 
 DRIVE_PROFILE: Final = 402  # low word of object 1000
 INVALID: Final = 1 << 31  # of a PDO's id: not in use

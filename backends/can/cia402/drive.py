@@ -10,8 +10,9 @@ or between them. One that stands still while it is told to move is out of that 2
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -28,11 +29,7 @@ from backends.can.cia402.codec import (
 )
 from backends.can.link import DriveStatus, status_line
 from limo_driver.runtime.compiled import compiled
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 BOOTED: Final = 0x00
 STOPPED: Final = 0x04

@@ -7,7 +7,8 @@ before it is enabled again, at the pose where it stands.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable
+from typing import Final
 
 import numpy as np
 
@@ -25,8 +26,8 @@ from backends.can.cia402.codec import (
 from backends.can.cia402.commissioning import Commissioning
 from backends.can.cia402.drive import OPERATIONAL, Drive, FollowingCheck
 from backends.can.cia402.sdo import QUIET, SdoClient, require_answer, require_quiet
-from backends.can.config import DriveError
-from backends.can.link import DriveSample, Link
+from backends.can.config import ArmConfig, Cia402Joint, DriveError
+from backends.can.link import DriveSample, DriveStatus, Link
 from backends.can.port import (
     EMERGENCY,
     HEARTBEAT,
@@ -39,20 +40,13 @@ from backends.can.port import (
     TPDO1,
     TPDO2,
     TPDO3,
+    BusPort,
 )
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.robot.measured import SLACK
+from limo_driver.robot.output import Setpoint
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
-from limo_driver.types import PositionCommand, TorqueCommand
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from backends.can.config import ArmConfig, Cia402Joint
-    from backends.can.link import DriveStatus
-    from backends.can.port import BusPort, Frame
-    from limo_driver.robot.output import Setpoint
-    from limo_driver.types import FloatArray, JointCommand
+from limo_driver.types import FloatArray, JointCommand, PositionCommand, TorqueCommand
 
 START, PRE_OPERATIONAL = 0x01, 0x80  # NMT commands
 MODE_PATIENCE: Final = 3  # drive statuses after which a mode has to be taken
@@ -284,10 +278,6 @@ class Cia402Link(Link):
                 data, self.port.now()
             )
         return handlers
-
-    def _take(self, frame: Frame) -> None:
-        if (handler := self._handlers.get(frame.id)) is not None:
-            handler(frame.data)
 
     def _sync(self, until: float) -> bool:
         """Start a cycle; say whether every drive answered until then."""

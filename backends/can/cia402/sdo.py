@@ -12,18 +12,13 @@ Source: CiA 301, section 7.2.4.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from backends.can.config import DriveError, SdoAbortError
-from backends.can.port import HEARTBEAT, RPDO1, SDO_REPLY, SDO_REQUEST, SYNC
+from backends.can.config import ArmConfig, DriveError, SdoAbortError
+from backends.can.port import HEARTBEAT, RPDO1, SDO_REPLY, SDO_REQUEST, SYNC, BusPort, Frame
 from limo_driver.errors import BackendError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from backends.can.config import ArmConfig
-    from backends.can.port import BusPort, Frame
 
 FRAME: Final = struct.Struct("<BHB4s")
 READ, WRITE = 0x40, 0x20

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from backends.can.config import ArmConfig, DamiaoJoint
-    from backends.can.port import BusPort, Frame
+    from backends.can.port import BusPort
     from limo_driver.robot.output import Setpoint
     from limo_driver.types import FloatArray, JointCommand
 
@@ -265,10 +265,6 @@ class DamiaoLink(Link):
             node = motor.joint.node
             handlers[node] = self._intrude(f"a command of joint {motor.number}", node)
         return handlers | {motor.joint.reply_id: motor.take for motor in self._motors}
-
-    def _take(self, frame: Frame) -> None:
-        if (handler := self._handlers.get(frame.id)) is not None:
-            handler(frame.data)
 
 
 def bus_load(config: ArmConfig) -> BusLoad:

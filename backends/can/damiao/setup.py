@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import Final, NoReturn
 
-from backends.can.config import DriveError
+from backends.can.config import ArmConfig, DamiaoJoint, DriveError
 from backends.can.damiao import codec as damiao
 from backends.can.damiao.codec import (
     MIT_MODE,
@@ -18,13 +19,8 @@ from backends.can.damiao.codec import (
     status_words,
 )
 from backends.can.link import status_line
+from backends.can.port import BusPort
 from limo_driver.errors import ConfigError, WireFormatError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from backends.can.config import ArmConfig, DamiaoJoint
-    from backends.can.port import BusPort
 
 ATTEMPTS: Final = 3  # to ask a motor, within the time for an answer
 SEARCH_TIME: Final = 0.1  # [s] in which motors with other ids answer

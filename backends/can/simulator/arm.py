@@ -9,19 +9,16 @@ messages.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
 from backends.can.simulator.drive import AMBIENT, Actuation, JointPort
 from backends.mujoco_sim import MujocoRobot, layout
 from limo_driver.errors import BackendError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+from limo_driver.physics import Simulation
+from limo_driver.types import FloatArray
 
 STEP: Final = 1e-3  # of the simulation [s]
 LONGEST_GAP: Final = 0.05  # [s] simulated at once; a process that slept longer does not catch up

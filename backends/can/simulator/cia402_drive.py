@@ -7,10 +7,13 @@ the master does.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from backends.can import port as frames
+from backends.can.config import Cia402Joint, Temperature
+from backends.can.simulator import node
 from backends.can.simulator.drive import (
     FAULTY,
     POWERED,
@@ -21,14 +24,6 @@ from backends.can.simulator.drive import (
     StatuswordState,
     commanded,
     enables,
-)
-from backends.can.simulator.node import (
-    BUS_OFF_RECOVERED,
-    COMMUNICATION,
-    PRODUCT,
-    SOFT_RESET,
-    VENDOR,
-    CanopenNode,
 )
 from backends.can.simulator.objects import (
     I8,
@@ -42,11 +37,6 @@ from backends.can.simulator.objects import (
     SimulatedPdo,
     Variable,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from backends.can.config import Cia402Joint, Temperature
 
 CSP, CST = 8, 10  # modes of operation
 SUPPORTED: Final = 1 << 7 | 1 << 9  # object 6502: CSP and CST
@@ -94,7 +84,7 @@ class Scale:
         return self.joint.direction * per_mille * 1e-3 * self.joint.rated_torque
 
 
-class Cia402Drive(CanopenNode, SimulatedDrive):
+class Cia402Drive(node.CanopenNode, SimulatedDrive):
     """One drive.
 
     Args:
@@ -114,9 +104,9 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
         temperature: Temperature | None = None,
     ) -> None:
         serial = FIRST_SERIAL + number if joint.serial is None else joint.serial
-        vendor = VENDOR if joint.vendor is None else joint.vendor
+        vendor = node.VENDOR if joint.vendor is None else joint.vendor
         name = f"limo simulated drive, joint {number}"
-        super().__init__(joint.node, send, name, SERVO_DRIVE, (vendor, PRODUCT, 1, serial))
+        super().__init__(joint.node, send, name, SERVO_DRIVE, (vendor, node.PRODUCT, 1, serial))
         self._port, self._scale = port, Scale(joint)
         self._drive_state = StatuswordState.SWITCH_ON_DISABLED
         self._controlword_before = 0
@@ -181,7 +171,7 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
 
     def recover(self) -> None:
         """Be back on the bus after it was off."""
-        self.emergency(BUS_OFF_RECOVERED, COMMUNICATION)
+        self.emergency(node.BUS_OFF_RECOVERED, node.COMMUNICATION)
 
     def communication_lost(self, code: int) -> None:
         """React as object 6007 says."""
@@ -289,7 +279,7 @@ class Cia402Drive(CanopenNode, SimulatedDrive):
                 self._error.value = 0
             self._enter(state)
             if self._register.value and state is not StatuswordState.QUICK_STOP:
-                self.emergency(SOFT_RESET)
+                self.emergency(node.SOFT_RESET)
 
     def _enter(self, state: StatuswordState) -> None:
         port = self._port

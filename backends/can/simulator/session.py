@@ -25,7 +25,7 @@ from backends.can.damiao import codec as damiao
 from backends.can.port import SDO_REPLY, SDO_REQUEST, BusPort
 from backends.can.simulator.arm import SimulatedArm
 from backends.can.simulator.cia402_drive import Cia402Drive
-from backends.can.simulator.damiao_drive import DamiaoDrive
+from backends.can.simulator.drive import DamiaoDrive
 from backends.can.simulator.scenario import (
     FROM_DRIVES,
     SWITCHED_ON,

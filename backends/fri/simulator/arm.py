@@ -19,8 +19,9 @@ more are missing, the arm comes to rest on the last one.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -28,13 +29,8 @@ from backends.fri.codec.messages import JOINTS, ControlMode
 from backends.mujoco_sim import MujocoRobot, layout
 from backends.mujoco_sim.realisation import largest_stiffness
 from limo_driver.errors import ConfigError
-from limo_driver.types import ImpedanceCommand, PositionCommand
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+from limo_driver.physics import Simulation
+from limo_driver.types import FloatArray, ImpedanceCommand, PositionCommand
 
 ACCELERATION_BANDWIDTH: Final = 20.0  # [Hz], of the acceleration in the robot's own model
 DAMPING_RATIO: Final = 0.7

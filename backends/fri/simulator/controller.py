@@ -23,7 +23,7 @@ from limo_driver.runtime.processes import Closing
 
 if TYPE_CHECKING:
     from backends.fri.simulator.arm import ArmState
-    from backends.fri.simulator.settings import ControllerSettings
+    from backends.fri.simulator.session import ControllerSettings
     from limo_driver.physics import Simulation
 
 WIND_DOWN: Final = 0.1  # [s] in MONITORING_READY before the session is closed
@@ -225,12 +225,9 @@ class SimulatedController(Closing):
         if self._port.unsent:
             notes.append(f"{self._port.unsent} datagrams unsent: {self._port.last_refusal}")
         return ControllerReport(
-            version=settings.version.value,
+            settings=settings,
             client=str(self.client),
             bound=self.address,
-            mode=settings.mode.name.lower(),
-            period_ms=settings.period_ms,
-            multiplier=settings.multiplier,
             duration=self._time,
             ledger=self._ledger,
             visits=self.visits,

@@ -23,14 +23,12 @@ from backends.fri.simulator.judge import (
     display_name,
     monitored_as_of,
 )
-from backends.fri.simulator.report import Arrival, Ledger
+from backends.fri.simulator.report import Arrival, ClientObservations, Ledger
 from backends.fri.simulator.scenario import FlangeForce, HandGuiding, Now
 from limo_driver.errors import WireFormatError
 
 if TYPE_CHECKING:
-    from backends.fri.simulator.report import ClientObservations
-    from backends.fri.simulator.session import ControllerSession
-    from backends.fri.simulator.settings import ControllerSettings
+    from backends.fri.simulator.session import ControllerSession, ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 

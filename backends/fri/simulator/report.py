@@ -15,7 +15,7 @@ from limo_driver.robot.realtime import LatencyHistogram
 if TYPE_CHECKING:
     from backends.fri.simulator.connection.port import Fates
     from backends.fri.simulator.judge import Signals, Wanted
-    from backends.fri.simulator.session import ControllerVisit
+    from backends.fri.simulator.session import ControllerSettings, ControllerVisit
     from limo_driver.types import FloatArray
 
 REMEMBERED: Final = 4096  # packets that can still be answered
@@ -289,12 +289,9 @@ class ClientObservations:
 class ControllerReport:
     """Result of a run."""
 
-    version: str
+    settings: ControllerSettings
     client: str
     bound: str
-    mode: str
-    period_ms: int
-    multiplier: int
     duration: float  # [s]
     ledger: Ledger
     visits: tuple[ControllerVisit, ...]
@@ -308,14 +305,14 @@ class ControllerReport:
 
     def as_json(self) -> dict[str, Any]:
         """Return plain values."""
-        found = self.findings
+        found, settings = self.findings, self.settings
         return {
-            "version": self.version,
+            "version": settings.version.value,
             "client": self.client,
             "bound": self.bound,
-            "mode": self.mode,
-            "period_ms": self.period_ms,
-            "multiplier": self.multiplier,
+            "mode": settings.mode.name.lower(),
+            "period_ms": settings.period_ms,
+            "multiplier": settings.multiplier,
             "duration": self.duration,
             "packets": self.ledger.as_json()
             | {"malformed": found.malformed, "strangers": found.strangers},
@@ -352,10 +349,10 @@ class ControllerReport:
 
     def as_text(self) -> str:
         """Return lines for people."""
-        ledger = self.ledger
+        ledger, settings = self.ledger, self.settings
         lines = [
-            f"FRI {self.version} to {self.client} from {self.bound}, {self.mode}, every "
-            f"{self.period_ms} ms, {self.duration:.2f} s",
+            f"FRI {settings.version.value} to {self.client} from {self.bound}, "
+            f"{settings.mode.name.lower()}, every {settings.period_ms} ms, {self.duration:.2f} s",
             f"packets   {ledger.sent} sent; of {ledger.expected} answers expected "
             f"{ledger.answered} came, {ledger.late} late, {ledger.lost} lost",
             f"answers   {ledger.latency.summary()}"

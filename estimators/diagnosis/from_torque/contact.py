@@ -15,7 +15,9 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     response,
     sharp,
 )
-from estimators.diagnosis.from_torque.residuals.observations import Observations  # noqa: TC001  # read by singledispatch
+from estimators.diagnosis.from_torque.residuals.observations import (
+    Observations,  # read by singledispatch
+)
 from estimators.diagnosis.from_torque.residuals.pushes import covered
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.hybrid.fitted_network import FittedNetwork
-from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING
+from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData
 from estimators.hybrid.training.settings import DEVICES, WIDTHS, TrainingSettings, require_torch
-from estimators.neural import NETWORKS
+from estimators.neural import NETWORKS, Network
 from limo_driver.errors import ConfigError, DivergedError
 from limo_driver.runtime.outputs import whole
 
@@ -28,9 +28,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.hybrid.features import Features
-    from estimators.hybrid.training.data import TrainingData
     from estimators.hybrid.training.passes import Passes
-    from estimators.neural import Network
     from estimators.neural.modules import Module
     from limo_driver.types import FloatArray
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from threadpoolctl import ThreadpoolController
 
-from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING
+from estimators.hybrid.training.data import HELD_OUT, LEFT_OUT, TRAINING, TrainingData
 from estimators.neural.mlp import AdamW, descend, mean_square
 from limo_driver.errors import RecordingError
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from torch import Tensor
 
-    from estimators.hybrid.training.data import TrainingData
     from estimators.neural.modules import Memory, Module
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording

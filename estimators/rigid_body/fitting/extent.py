@@ -19,20 +19,17 @@ parameter identification", RA-L 2018 (density realizability on an ellipsoid).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from limo_driver.model import RobotModel
-    from limo_driver.model.descriptions.geometry import Inertial
-    from limo_driver.types import FloatArray
+from limo_driver.model import RobotModel
+from limo_driver.model.descriptions.geometry import Inertial
+from limo_driver.types import FloatArray
 
 _GENEROUS: Final = 2.0  # times the radius of what is known of a link
 _DRIVE: Final = 0.1  # of the arm's length, which a link reaches at least: it houses a drive

@@ -26,8 +26,7 @@ def main() -> None:
     # prints a traceback of its own when it is interrupted.
     os.environ.setdefault("MUJOCO_GL", "disable")
     with Stopping(INTERRUPTED):
-        from limo_driver.app.console.arguments import in_options
-        from limo_driver.app.console.command_line import command_line, compilation_line
+        from limo_driver.app.console.command_line import command_line, compilation_line, in_options
         from limo_driver.errors import LimoError, ServiceNotReadyError
         from limo_driver.runtime.plugins import require_own_packages
 

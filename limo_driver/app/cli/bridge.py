@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
+from functools import partial
 from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import (
+from limo_driver.app.console.command_line import (
     RobotOption,
     RosDomain,
     SessionOptions,
@@ -57,9 +58,10 @@ def command(
     source = None if states is None else RosTopic(states, ros_domain)
     if network.config is not None:
         require_passage(network.config, published[0].key, "egress", "the bridge")
+    warn = partial(say, stderr=True)
     with (
         network.open() as session,
-        RosBridge(session, keys, model, published, frame, source, _warn) as bridge,
+        RosBridge(session, keys, model, published, frame, source, warn) as bridge,
     ):
         say(f"/{published[0].name} ... /{published[-1].name}, wrench in {bridge.wrench.frame}")
         with suppress(KeyboardInterrupt):
@@ -68,7 +70,3 @@ def command(
         raise bridge.error
     counts = ", ".join(f"{n} {what.replace('_', ' ')}" for what, n in bridge.counts.items())
     say(counts)
-
-
-def _warn(text: str) -> None:
-    say(text, stderr=True)

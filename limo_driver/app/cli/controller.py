@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import say
 from limo_driver.errors import ConfigError
 
@@ -81,7 +81,7 @@ def command(
     from backends.fri.simulator.controller import SimulatedController
     from backends.fri.simulator.judge import check_signal_name, parse_io
     from backends.fri.simulator.scenario import ControllerScenario
-    from backends.fri.simulator.settings import ANYWHERE, MODES, ControllerSettings
+    from backends.fri.simulator.session import ANYWHERE, MODES, ControllerSettings
     from limo_driver.physics import Simulation
     from limo_driver.robot.interrupts import interrupts
 
@@ -119,7 +119,7 @@ def command(
 def _start(position: str | None, trajectory: Path | None) -> tuple[float, ...]:
     """Return where the arm stands at first [rad]."""
     from backends.fri.codec.messages import JOINTS
-    from backends.fri.simulator.settings import POSE
+    from backends.fri.simulator.session import POSE
     from limo_driver.model import BUILT_IN
     from limo_driver.trajectory import Trajectory
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS, MappingOption, describe_options
+from limo_driver.app.console.command_line import ROBOTS, MappingOption, describe_options
 from limo_driver.app.console.terminal import progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import require_file, require_parquet, whole

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import progress_bar, terminal
 from limo_driver.errors import ConfigError, LimoError
-from limo_driver.runtime.outputs import require_place
+from limo_driver.runtime.outputs import require_folder, require_place
 
 
 @describe_options
@@ -62,9 +62,8 @@ def command(
 
 def _go_the_whole_way(out: Path, backend: str) -> None:
     """Do all of it, print each step and its bar, and write the page."""
-    from limo_driver.app.library.whole.page import whole_page
+    from limo_driver.app.library.whole.explaining import whole_page
     from limo_driver.app.library.whole.proving import prove
-    from limo_driver.runtime.outputs import require_folder
 
     if out.is_dir() and any(out.iterdir()):
         raise ConfigError(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.cli.plan import Distances
-from limo_driver.app.console.arguments import ROBOTS, describe_options
+from limo_driver.app.console.command_line import ROBOTS, describe_options
 from limo_driver.app.console.terminal import say
 from limo_driver.errors import ConfigError
 

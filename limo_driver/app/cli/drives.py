@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import say
 
 if TYPE_CHECKING:

@@ -6,19 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.command_line import MappingOption, describe_options
 from limo_driver.app.console.terminal import table_of, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import require_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from rich.table import Table
 
     from estimators.diagnosis.comparison import SimulationComparison
     from estimators.evaluation import Evaluation
-    from limo_driver.model import RobotModel
 
 
 @describe_options
@@ -59,18 +56,19 @@ def command(
         limo evaluate test.parquet --model model/ --sim sim.yaml --out evaluation/
         limo evaluate test.parquet --sim new/sim.yaml --against sim.yaml
     """
+    from limo_driver.app.library.learning import evaluate
     from limo_driver.app.library.reading import read
+    from limo_driver.physics import Simulation
 
     _check(model, sim, against)
     if out is not None:
         require_folder(out, "the evaluation", _files(against), [recording])
     if against is not None:
-        judge, robot = _of_simulations(sim, against, estimate, external)
+        improved, given = Simulation.load(sim or ""), Simulation.load(against)
+        judge = partial(evaluate, improved, against=given, estimate=estimate, external=external)
+        robot = improved.model
     else:
-        # What judges a model on a recording, and its arm
         from estimators.model_folder import check_simulation, load_model
-        from limo_driver.app.library.learning import evaluate
-        from limo_driver.physics import Simulation
 
         trained = load_model(model or "")
         if sim is not None:
@@ -122,18 +120,6 @@ def _files(against: Path | None) -> tuple[str, ...]:
     from estimators.evaluation import FILES
 
     return FILES if against is None else comparison.FILES
-
-
-def _of_simulations(
-    sim: Path | None, against: Path, estimate: str, external: str
-) -> tuple[Callable[..., Any], RobotModel]:
-    """Return what judges a simulation against another on a recording, and their arm."""
-    from limo_driver.app.library.learning import evaluate
-    from limo_driver.physics import Simulation
-
-    improved, given = Simulation.load(sim or ""), Simulation.load(against)
-    judge = partial(evaluate, improved, against=given, estimate=estimate, external=external)
-    return judge, improved.model
 
 
 def of_simulations(found: SimulationComparison) -> Table:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.cli.plan import Distances, require_writable
-from limo_driver.app.console.arguments import RobotOption, describe_options, refuse_options
-from limo_driver.app.console.terminal import joint_table, progress, terminal
+from limo_driver.app.console.command_line import RobotOption, describe_options, refuse_options
+from limo_driver.app.console.terminal import joint_table, progress, terminal, unchecked
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file
 
@@ -221,9 +221,8 @@ def _report(
         f"{found.request.frequency:.4g} Hz, at rest at both ends",
     )
     console.print(_table(_joints(found, model)))
-    if found.unchecked_pairs:
-        pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
-        console.print(f"not checked against each other, since they always touch: {pairs}")
+    if line := unchecked(found.unchecked_pairs):
+        console.print(line)
 
 
 def _joints(found: Excitation, model: RobotModel) -> list[JointFigures]:
@@ -276,6 +275,5 @@ def _report_servos(found: ServoExcitation, *, as_json: bool) -> None:
     console = terminal(soft_wrap=True)
     console.print(str(found))
     console.print("lead the arm slowly to the first pose before the first command is sent")
-    if found.unchecked_pairs:
-        pairs = ", ".join(" and ".join(pair) for pair in found.unchecked_pairs)
-        console.print(f"not checked against each other, since they always touch: {pairs}")
+    if line := unchecked(found.unchecked_pairs):
+        console.print(line)

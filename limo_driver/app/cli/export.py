@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.command_line import MappingOption, describe_options
 from limo_driver.app.console.terminal import say, terminal
 from limo_driver.errors import ConfigError
 

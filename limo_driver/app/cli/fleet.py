@@ -6,7 +6,7 @@ from pathlib import Path
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.command_line import MappingOption, describe_options
 from limo_driver.app.console.terminal import (
     Machines,
     OnOption,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import (
+from limo_driver.app.console.command_line import (
     MappingOption,
     RobotOption,
     describe_options,
@@ -17,7 +17,7 @@ from limo_driver.app.console.terminal import print_notes, progress, terminal
 from limo_driver.runtime.outputs import page_of, require_file
 
 if TYPE_CHECKING:
-    from estimators.rigid_body import Identification, JointTerms, Rows
+    from estimators.rigid_body import Identification
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
 
@@ -79,6 +79,7 @@ def command(
     from estimators.rigid_body.tables import as_values
     from estimators.rigid_body.terms import SIGN_WIDTHS
     from limo_driver.app.library.inputs import model_for
+    from limo_driver.app.library.learning import identify
     from limo_driver.app.library.reading import read
     from limo_driver.model import RobotModel
 
@@ -95,7 +96,11 @@ def command(
         return
     width, note = fitting_bandwidth(model, measured, bandwidth)
     rows = Rows(width, moving_only, weighting)
-    found = _identify(model, measured, terms, rows, inertia_tolerance)
+    with progress() as bar:
+        task = bar.add_task("identify", total=sum(map(len, measured)))
+        found = identify(
+            model, measured, terms, rows, inertia_tolerance, lambda n: bar.advance(task, n)
+        )
     found = replace(found, warnings=(*found.warnings, *note))
     found.simulation.save(out)
     if page is not None:
@@ -105,20 +110,6 @@ def command(
         return
     print_notes(measured)
     _show(found, out, page, base=base)
-
-
-def _identify(
-    model: RobotModel,
-    measured: list[Recording],
-    terms: JointTerms,
-    rows: Rows,
-    tolerance: float | None,
-) -> Identification:
-    from limo_driver.app.library.learning import identify
-
-    with progress() as bar:
-        task = bar.add_task("identify", total=sum(map(len, measured)))
-        return identify(model, measured, terms, rows, tolerance, lambda n: bar.advance(task, n))
 
 
 def _identify_drives(

@@ -7,10 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import ROBOTS
+from limo_driver.app.console.command_line import ROBOTS, describe_options, in_options
+from limo_driver.app.console.terminal import terminal
+from limo_driver.errors import ConfigError, RecordingError
+from limo_driver.quoting import in_shell
+from limo_driver.runtime.outputs import require_file, require_page, whole
 
 if TYPE_CHECKING:
-    from limo_driver.errors import RecordingError
     from limo_driver.logs.readers.inspection import Inspection, Settled
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
     from limo_driver.model import RobotModel
@@ -18,38 +21,21 @@ if TYPE_CHECKING:
 _MAPPING = Path("mapping.yaml")
 
 
+@describe_options
 def command(
-    log: Annotated[Path, typer.Argument(help="The log: a file, or the folder of a bag.")],
+    log: Path,
+    *,
     robot: Annotated[
         str | None,
         typer.Option(help=f"The arm: {ROBOTS}. Without one, --page shows the columns as logged."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Where to write the mapping.")] = _MAPPING,
-    topic: Annotated[
-        str | None, typer.Option(help="Topic of the joint states of a bag, if there are several.")
-    ] = None,
-    episode: Annotated[
-        int | None, typer.Option(help="Episode of a LeRobotDataset; all if not given.")
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            help="Patterns of the columns that count beside the time, with commas between: of two "
-            "arms in one log, 'left_*'."
-        ),
-    ] = None,
-    mapping: Annotated[
-        Path | None,
-        typer.Option(help="Say what the log is worth as this mapping reads it, and write none."),
-    ] = None,
-    page: Annotated[
-        Path | None,
-        typer.Option(
-            help="Write a page (.html) with every column over time, the arm that moves with them, "
-            "and which parameters the motion shows."
-        ),
-    ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the findings as JSON.")] = False,
+    out: Path = _MAPPING,
+    topic: str | None = None,
+    episode: int | None = None,
+    columns: str | None = None,
+    mapping: Path | None = None,
+    page: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Say what a log holds, and write how to read it.
 
@@ -65,17 +51,27 @@ def command(
     Every command that takes a recording takes the log itself, too, with `--mapping`, or without
     one where nothing is left to be decided.
 
+    Args:
+        log: The log: a file, or the folder of a bag.
+        out: Where to write the mapping.
+        topic: Topic of the joint states of a bag, if there are several.
+        episode: Episode of a LeRobotDataset; all if not given.
+        columns: Patterns of the columns that count beside the time, with commas between: of two
+            arms in one log, 'left_*'.
+        mapping: Say what the log is worth as this mapping reads it, and write none.
+        page: Write a page (.html) with every column over time, the arm that moves with them, and
+            which parameters the motion shows.
+        as_json: Print the findings as JSON.
+
     Examples:
         limo inspect log.csv --robot iiwa14
         limo inspect log.csv --page log.html
         limo inspect log.csv --robot iiwa14 --mapping mapping.yaml --page log.html
         limo convert log.csv --mapping mapping.yaml --out run.parquet
     """
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inspecting import inspect, save_page
     from limo_driver.logs.readers.inspection import Settled, settle
     from limo_driver.logs.readers.proposals.proposal import NothingProposedError
-    from limo_driver.runtime.outputs import require_file, require_page
 
     inputs = [item for item in (log, mapping) if item is not None and item.is_file()]
     if page is not None:
@@ -107,9 +103,7 @@ def command(
 
 def _show_columns(log: Path, page: Path | None, topic: str | None, episode: int | None) -> None:
     """Write the page of a log of which no robot is known."""
-    from limo_driver.app.console.terminal import terminal
     from limo_driver.app.library.inspecting import save_columns
-    from limo_driver.errors import ConfigError
 
     if page is None:
         raise ConfigError("--robot: is needed to read a log; without one, --page shows its columns")
@@ -119,9 +113,6 @@ def _show_columns(log: Path, page: Path | None, topic: str | None, episode: int 
 
 def _with_template(error: NothingProposedError, out: Path) -> RecordingError:
     """Return the error with where a mapping is to be filled in, which is written there."""
-    from limo_driver.errors import RecordingError
-    from limo_driver.runtime.outputs import whole
-
     where = f"kept {out}, which is there: for a mapping to be filled in, name another file by --out"
     if not out.exists():
         with whole(out) as draft:
@@ -132,8 +123,6 @@ def _with_template(error: NothingProposedError, out: Path) -> RecordingError:
 
 def _print_json(found: Inspection, settled: Settled) -> None:
     import json
-
-    from limo_driver.app.console.terminal import terminal
 
     taken = {
         item.quantity: {"columns": item.columns, "unit": item.unit, "because": item.why}
@@ -153,8 +142,6 @@ def _print_json(found: Inspection, settled: Settled) -> None:
 
 
 def _show(found: Inspection, settled: Settled) -> None:
-    from limo_driver.app.console.arguments import in_options
-    from limo_driver.app.console.terminal import terminal
 
     console = terminal(soft_wrap=True)
     for line in (*str(found).splitlines(), *settled.told):
@@ -163,9 +150,6 @@ def _show(found: Inspection, settled: Settled) -> None:
 
 def _show_next(found: Inspection, log: Path, robot: str, settled: Settled) -> None:
     """Say what to do with the mapping."""
-    from limo_driver.app.console.terminal import terminal
-    from limo_driver.quoting import in_shell
-
     console, path = terminal(soft_wrap=True), settled.path
     if open_ones := len(settled.mapping.undecided):
         what = "the question" if open_ones == 1 else f"each of the {open_ones} questions"

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import RobotOption, describe_options
-from limo_driver.app.console.terminal import joint_table, progress, terminal
+from limo_driver.app.console.command_line import RobotOption, describe_options
+from limo_driver.app.console.terminal import joint_table, progress, terminal, unchecked
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import page_of, require_file, require_parquet
 
@@ -218,9 +218,8 @@ def _report(statistics: Statistics, *, as_json: bool) -> None:
     for name in conditions:
         table.add_row(name, *(str(counts.get(name, 0)) for counts in stages.values()))
     console.print(_joint_table(s), table)
-    if s.unchecked_pairs:
-        pairs = ", ".join(" and ".join(pair) for pair in s.unchecked_pairs)
-        console.print(f"not checked against each other, since they always touch: {pairs}")
+    if line := unchecked(s.unchecked_pairs):
+        console.print(line)
 
 
 def _joint_table(statistics: Statistics) -> Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from limo_driver.app.console.arguments import MappingOption, describe_options
+from limo_driver.app.console.command_line import MappingOption, describe_options
 from limo_driver.app.console.terminal import terminal
 from limo_driver.errors import ConfigError
 from limo_driver.model.units import unit_of

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import terminal
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.arguments import ROBOTS, RosDomain, SessionOptions, describe_options
+from limo_driver.app.console.command_line import ROBOTS, RosDomain, SessionOptions, describe_options
 from limo_driver.app.console.terminal import progress, say, terminal
 from limo_driver.errors import BackendError, ConfigError, HoldingError
 from limo_driver.runtime.outputs import require_apart

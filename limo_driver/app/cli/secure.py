@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import say
 
 DRIVER_PORT = 7447

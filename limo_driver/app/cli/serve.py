@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import (
+from limo_driver.app.console.command_line import (
     MappingOption,
     RosDomain,
     SessionOptions,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
-from limo_driver.app.console.arguments import (
+from limo_driver.app.console.command_line import (
     MappingOption,
     describe_options,
     is_on_command_line,

@@ -10,12 +10,11 @@ import signal
 import sys
 import time
 from _thread import get_ident, start_new_thread
+from collections.abc import Iterator
+from types import FrameType, TracebackType
+from typing import NoReturn, Self
 
 TYPE_CHECKING = False  # as in `typing`, which would have to be imported
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from types import FrameType, TracebackType
-    from typing import NoReturn, Self
 
 _SAID = "limo: interrupted\n"
 _PROGRAMS = ("__main__", "runpy")  # where a program begins; `runpy` with `python -m`

@@ -121,6 +121,12 @@ def joint_table(joints: Sequence[Any], figures: Mapping[str, Iterable[object]]) 
     )
 
 
+def unchecked(pairs: Iterable[tuple[str, str]]) -> str:
+    """Say which links are not checked against each other; empty if all are."""
+    listed = ", ".join(" and ".join(pair) for pair in pairs)
+    return listed and f"not checked against each other, since they always touch: {listed}"
+
+
 def print_notes(recordings: Iterable[Recording]) -> None:
     """Print on stderr what is odd about recordings, and which rows were left out."""
     console = terminal(stderr=True, soft_wrap=True)

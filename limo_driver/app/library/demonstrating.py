@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
-from limo_driver.app.library.executors import attempted
+from limo_driver.app.library.executors import attempted, executor_of, run_all
 from limo_driver.physics import (
     CoulombFriction,
     Payload,
@@ -177,7 +177,6 @@ def run_trials(
         ConfigError: The cluster cannot be used.
     """
     from estimators.studies.table1_trials import Failed
-    from limo_driver.app.library.executors import executor_of, run_all
 
     for trial, outcome in run_all(executor_of(TrialJob(runner), *where, advanced), trials):
         if isinstance(outcome, str):

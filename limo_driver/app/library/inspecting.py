@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 from limo_driver.app.library.inputs import model_of
 from limo_driver.app.library.reading import mapping_of, model_is_enough, table_of_log
@@ -14,17 +16,12 @@ from limo_driver.logs.readers.mapping import QUANTITIES, Channels, LogMapping
 from limo_driver.logs.readers.proposals.proposal import Proposal, Taken, propose, without_questions
 from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
 from limo_driver.logs.readers.table import LogTable, TimeColumns
+from limo_driver.model import RobotModel
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import spanned
 
 _OWN: Final = "limo's own columns"
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from limo_driver.model import RobotModel
 
 
 def inspect(

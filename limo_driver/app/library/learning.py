@@ -6,16 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, overload
 
-from limo_driver.app.library.inputs import (
-    AUTO,
-    expected,
-    model_for,
-    recording_of,
-    recordings_of,
-    require_model,
-    simulation_of,
-    trained_of,
-)
+from limo_driver.app.library import inputs
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Simulation, Tolerances
 from limo_driver.physics.described import described_effects
@@ -84,11 +75,11 @@ def identify(
     from estimators.rigid_body import identify as found
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
 
-    measured = recordings_of(recordings)
-    model = model_for(robot, measured)
-    terms = expected("terms", terms or JointTerms(), JointTerms)
+    measured = inputs.recordings_of(recordings)
+    model = inputs.model_for(robot, measured)
+    terms = inputs.expected("terms", terms or JointTerms(), JointTerms)
     if rows is not None:
-        expected("rows", rows, Rows)
+        inputs.expected("rows", rows, Rows)
     check_recordings(measured, model)
     note: tuple[str, ...] = ()
     if rows is None:
@@ -134,8 +125,8 @@ def nominal(
     Example:
         >>> found = limo.diagnose(limo.nominal("iiwa14"), "run.parquet")
     """
-    measured = recordings_of(recordings)
-    model = model_for(robot, measured)
+    measured = inputs.recordings_of(recordings)
+    model = inputs.model_for(robot, measured)
     asked = {"inertia": inertia_tolerance != _TRUSTED, "gain": gain_tolerance != 0.0}
     own = frozenset(name for name, is_asked in asked.items() if is_asked)
     if not measured:
@@ -170,8 +161,8 @@ def identify_drives(
     """
     from estimators.diagnosis.from_motion import identify_drives as identified
 
-    measured = recordings_of(recordings)
-    known = robot if isinstance(robot, Simulation) else described(model_for(robot, measured))
+    measured = inputs.recordings_of(recordings)
+    known = robot if isinstance(robot, Simulation) else described(inputs.model_for(robot, measured))
     return identified(known, measured)
 
 
@@ -223,9 +214,9 @@ def predict(
     """
     from estimators.base import Estimate
 
-    recording = recording_of(recording)
+    recording = inputs.recording_of(recording)
     if isinstance(model, (Path, str)) and not Path(model).is_dir():
-        model = simulation_of(model)
+        model = inputs.simulation_of(model)
     if isinstance(model, Simulation):
         width = bandwidth_for([recording], bandwidth, model.bandwidth)
         if delay is None:
@@ -235,7 +226,7 @@ def predict(
         return _live(SimulationOnly(model, width), recording, delay)
     if bandwidth is not None:
         raise ConfigError("a bandwidth is of a simulation; a model has the one it was trained with")
-    trained = trained_of(model)
+    trained = inputs.trained_of(model)
     return trained.estimate(recording) if delay is None else _live(trained, recording, delay)
 
 
@@ -314,13 +305,13 @@ def evaluate(
             raise ConfigError("`model` is a simulation, and `against` is missing, another one")
         from estimators.evaluation import evaluate as judged
 
-        return judged(trained_of(model), recording_of(recording))
+        return judged(inputs.trained_of(model), inputs.recording_of(recording))
     from estimators.diagnosis.comparison import compare_simulations
 
     return compare_simulations(
-        simulation_of(model),  # pyright: ignore[reportArgumentType]  # refuses others by name
-        simulation_of(against),
-        recording_of(recording),
+        inputs.simulation_of(model),  # pyright: ignore[reportArgumentType]  # refuses others by name
+        inputs.simulation_of(against),
+        inputs.recording_of(recording),
         estimate=estimate,
         external=external,
     )
@@ -367,10 +358,10 @@ def train(
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth
     from estimators.studies.model_choice import best_model
 
-    estimator = None if model == AUTO else require_model(model)
-    simulation, measured = simulation_of(simulation), recordings_of(recordings)
+    estimator = None if model == inputs.AUTO else inputs.require_model(model)
+    simulation, measured = inputs.simulation_of(simulation), inputs.recordings_of(recordings)
     on_epoch: Callable[[Epoch], None] = progress or (lambda _epoch: None)
-    if model == AUTO or estimator is not None:
+    if model == inputs.AUTO or estimator is not None:
         if settings is not None:
             raise ConfigError(f"settings are of networks; {model} has no such choice")
         width, _ = fitting_bandwidth(simulation, measured, bandwidth)
@@ -383,7 +374,7 @@ def train(
     from estimators.hybrid.model import train as fitted
     from estimators.hybrid.training.settings import TrainingSettings
 
-    known = expected("settings", settings or TrainingSettings(), TrainingSettings)
+    known = inputs.expected("settings", settings or TrainingSettings(), TrainingSettings)
     chosen = replace(known, model=model)
     if bandwidth is not None or settings is None:
         most = chosen.rate or float("inf")

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -24,16 +25,12 @@ from limo_driver.logs.readers.mapping import LogMapping
 from limo_driver.logs.readers.proposals.proposal import Proposal, propose
 from limo_driver.logs.readers.proposals.recorded_joints import mapped_part
 from limo_driver.logs.readers.table import LogTable, table_of
+from limo_driver.model import RobotModel
 from limo_driver.recordings.channels import CHANNELS, Columns
 from limo_driver.recordings.commanded import Commanded
 from limo_driver.recordings.files.recording_file import LOG_SUFFIX, read_columns
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import shortened
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from limo_driver.model import RobotModel
 
 _T = TypeVar("_T")
 _PARQUET: Final = b"PAR1"  # its first bytes

@@ -210,25 +210,8 @@ def checked_stores(
     """Return the store of each arm by name, None where one model serves instead; see `serve`.
 
     Raises:
-        ConfigError: The options contradict each other, or the network lets nothing of ROS 2 pass.
-    """
-    stores = _stores(arms, store, model, simulation)
-    _check_ros(ros, config, len(stores))
-    if retraining is not None:
-        _check_retraining(stores, log, retraining)
-    return stores
-
-
-def _stores(
-    arms: Mapping[str, Path | str | None] | Sequence[str] | str,
-    store: Path | str | None,
-    model: object,
-    simulation: object,
-) -> dict[str, Path | None]:
-    """Return the store of each arm by name, None where one model serves instead.
-
-    Raises:
-        ConfigError: An arm has no store, or two, or cannot be called so.
+        ConfigError: An arm has no store, or two, or cannot be called so; the options contradict
+            each other, or the network lets nothing of ROS 2 pass.
     """
     from collections.abc import Mapping
 
@@ -249,6 +232,9 @@ def _stores(
         stores[name] = None if own is None else Path(own)
     if not stores:
         raise ConfigError("no arm is named, expected one or more")
+    _check_ros(ros, config, len(stores))
+    if retraining is not None:
+        _check_retraining(stores, log, retraining)
     return stores
 
 

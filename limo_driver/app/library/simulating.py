@@ -12,29 +12,28 @@ import os
 import sys
 import threading
 from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
-from limo_driver.app.library.executors import attempted
+from limo_driver.app.library.executors import attempted, check_place, executor_of, run_all
 from limo_driver.app.library.inputs import recording_of, simulation_of
 from limo_driver.app.library.reading import read_commanded
 from limo_driver.errors import ConfigError
+from limo_driver.physics import Simulation
 from limo_driver.recordings.commanded import Commanded
+from limo_driver.recordings.files.recorder import header_of
+from limo_driver.recordings.recording import Recording
 from limo_driver.robot.playback import trajectory_of
+from limo_driver.runtime.outputs import only_writer, require_folder, whole
 from limo_driver.runtime.parameters import seed_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
-
-    from limo_driver.physics import Simulation
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.trajectory import Planned, Trajectory
-    from limo_driver.types import FloatArray
+from limo_driver.trajectory import Planned, Trajectory
+from limo_driver.types import FloatArray
 
 # [s] that a thread may keep the interpreter from another that comes out of the compiled loop after
 # some milliseconds: by the usual 5 ms two workers did 1.5 times the work of one, by this 1.7.
@@ -223,9 +222,7 @@ def simulate_dataset(
     Example:
         >>> limo.simulate_dataset("sim.yaml", "plans/*.traj.parquet", "data/", seeds=range(10))
     """
-    from limo_driver.app.library.executors import check_place, executor_of, run_all
     from limo_driver.app.library.fleets import matched
-    from limo_driver.runtime.outputs import only_writer, require_folder, whole
 
     known, folder = simulation_of(simulation), Path(out)
     check_place(workers, on)
@@ -304,8 +301,6 @@ def _is_made(file: Path, key: str) -> bool:
     """Say whether a recording is there that was made of the same."""
     import pyarrow as pa
     import pyarrow.parquet as pq
-
-    from limo_driver.recordings.files.recorder import header_of
 
     try:
         about = header_of(pq.read_schema(file)).get("provenance")

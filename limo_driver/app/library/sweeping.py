@@ -8,9 +8,11 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Final, Literal
 
-from limo_driver.app.library.executors import attempted
+from limo_driver.app.library.executors import attempted, check_place, executor_of, run_all
 from limo_driver.app.library.inputs import expected, recordings_of, simulation_of
 from limo_driver.errors import ConfigError
+from limo_driver.recordings.bandwidth import bandwidth_for
+from limo_driver.runtime.outputs import only_writer, require_folder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -112,9 +114,6 @@ def sweep(
     from estimators.studies import Sweep
     from estimators.studies.sweep import save_sweep
     from estimators.studies.sweep_trial import SweepStore
-    from limo_driver.app.library.executors import check_place
-    from limo_driver.recordings.bandwidth import bandwidth_for
-    from limo_driver.runtime.outputs import only_writer, require_folder
 
     known, folder = simulation_of(simulation), Path(out)
     check_place(workers, on)
@@ -147,7 +146,6 @@ def _ended(
 ) -> tuple[SweepTrial, ...]:
     """Train what is not finished yet; return all trials with how they ended."""
     from estimators.hybrid.training.settings import require_torch
-    from limo_driver.app.library.executors import executor_of, run_all
 
     ended = {t.key: done for t in trials if (done := store.finished(t)) is not None}
     left = [trial for trial in trials if trial.key not in ended]

@@ -5,47 +5,31 @@ from __future__ import annotations
 import threading
 import time
 from collections import Counter, deque
-from typing import TYPE_CHECKING, Final
+from collections.abc import Callable, Sequence
+from typing import Final
 
 import numpy as np
 import zenoh
 from zenoh.handlers import RingChannel
 
 from limo_driver.errors import ConfigError, WireFormatError
+from limo_driver.model import RobotModel
 from limo_driver.model.kinematics import FlangeWrench
-from limo_driver.network.messages import (
-    JOINT_STATE,
-    LOG,
-    MATRIX,
-    WRENCH,
-    Attachment,
-    JointStateCodec,
-    TorqueEstimate,
-    decode_joint_state,
-    decode_torque_estimate,
-    encode_matrix,
-    encode_wrench,
-)
+from limo_driver.network import messages
 from limo_driver.network.ros import RosNode, RosPublisher, RosReader, RosTopic, unlike
-from limo_driver.network.streaming import KEPT_EVENTS, follow_history
+from limo_driver.network.streaming import KEPT_EVENTS, Keys, follow_history
 from limo_driver.quoting import in_line
 from limo_driver.runtime.processes import Closing
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from limo_driver.model import RobotModel
-    from limo_driver.network.streaming import Keys
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 # What is published as well as events, by the last part of its name.
 STREAMS: Final = {
-    "torque": JOINT_STATE,  # effort: estimated [N m]
-    "torque_std": JOINT_STATE,  # effort: one standard deviation of its error [N m]
-    "external_torque": JOINT_STATE,  # effort: measured minus estimated [N m]
-    "wrench": WRENCH,  # of the environment on the arm [N, N m]
-    "wrench_std": WRENCH,  # one standard deviation of it
-    "wrench_covariance": MATRIX,  # (6, 6), in the same frame
+    "torque": messages.JOINT_STATE,  # effort: estimated [N m]
+    "torque_std": messages.JOINT_STATE,  # effort: one standard deviation of its error [N m]
+    "external_torque": messages.JOINT_STATE,  # effort: measured minus estimated [N m]
+    "wrench": messages.WRENCH,  # of the environment on the arm [N, N m]
+    "wrench_std": messages.WRENCH,  # one standard deviation of it
+    "wrench_covariance": messages.MATRIX,  # (6, 6), in the same frame
 }
 EVENTS: Final = "events"
 _WAITING: Final = 8  # estimates; older ones are lost rather than late
@@ -60,7 +44,7 @@ def topics(namespace: str, domain: int) -> list[RosTopic]:
     """
     prefix = namespace.strip("/") + "/" * bool(namespace.strip("/"))
     streams = [RosTopic(prefix + name, domain, kind) for name, kind in STREAMS.items()]
-    return [*streams, RosTopic(prefix + EVENTS, domain, LOG, KEPT_EVENTS)]
+    return [*streams, RosTopic(prefix + EVENTS, domain, messages.LOG, KEPT_EVENTS)]
 
 
 class RosBridge(Closing):
@@ -95,7 +79,7 @@ class RosBridge(Closing):
         self.error: ConfigError | None = None
         self._model, self._topics, self._tell = model, published, tell
         self._warned = set[str]()
-        self._codec = JointStateCodec(model.joint_names, keys.arm)
+        self._codec = messages.JointStateCodec(model.joint_names, keys.arm)
         self._reader = None if states is None else RosReader(model.joint_names, keys.arm)
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=_STATES)  # by stamp [ns]
         self._node, self._events = RosNode(session, published), 0
@@ -149,8 +133,8 @@ class RosBridge(Closing):
 
     def _publish(self, sample: zenoh.Sample) -> None:
         attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-        sequence = Attachment.decode(attachment).sequence
-        estimate = decode_torque_estimate(sample.payload.to_bytes())
+        sequence = messages.Attachment.decode(attachment).sequence
+        estimate = messages.decode_torque_estimate(sample.payload.to_bytes())
         if estimate.names != self._model.joint_names:
             raise ConfigError(
                 f"estimates are of joints {in_line(', '.join(estimate.names))}, those of "
@@ -169,7 +153,7 @@ class RosBridge(Closing):
                 stream.publish(payload, sequence, now)
         self._publish_wrench(estimate, sequence)
 
-    def _publish_wrench(self, estimate: TorqueEstimate, sequence: int) -> None:
+    def _publish_wrench(self, estimate: messages.TorqueEstimate, sequence: int) -> None:
         wrench, std, covariance = self._node.publishers[3:6]
         if not (wrench.wanted or std.wanted or covariance.wanted):
             return
@@ -184,12 +168,12 @@ class RosBridge(Closing):
         found, now = self.wrench.of(position, estimate.external, estimate.std), time.time_ns()
         frame, stamp = self.wrench.frame, estimate.stamp_ns
         if wrench.wanted:
-            wrench.publish(encode_wrench(stamp, frame, found.value), sequence, now)
+            wrench.publish(messages.encode_wrench(stamp, frame, found.value), sequence, now)
         if std.wanted:
             deviation = np.sqrt(np.diag(found.covariance))
-            std.publish(encode_wrench(stamp, frame, deviation), sequence, now)
+            std.publish(messages.encode_wrench(stamp, frame, deviation), sequence, now)
         if covariance.wanted:
-            covariance.publish(encode_matrix(frame, found.covariance), sequence, now)
+            covariance.publish(messages.encode_matrix(frame, found.covariance), sequence, now)
 
     def _take_states(self) -> None:
         """Keep the poses of the states that came; those of ROS in the order of the arm."""
@@ -200,7 +184,7 @@ class RosBridge(Closing):
                     attachment = sample.attachment
                     about = b"" if attachment is None else attachment.to_bytes()
                     payload = self._reader.read(payload, about).payload
-                state = decode_joint_state(payload)
+                state = messages.decode_joint_state(payload)
             except WireFormatError:
                 self.counts["malformed"] += 1
                 continue

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError, WireFormatError
-from limo_driver.network.messages import decode_joint_state, decode_torque_estimate
+from limo_driver.network.messages import TorqueEstimate, decode_joint_state, decode_torque_estimate
 from limo_driver.pages import Page, arm_view
 from limo_driver.pages.markup import paragraph
 from limo_driver.pages.motion import stage
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     import zenoh
 
     from limo_driver.model import RobotModel
-    from limo_driver.network.messages import TorqueEstimate
     from limo_driver.network.streaming import Keys
     from limo_driver.types import FloatArray
 

@@ -11,17 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from limo_driver.errors import ConfigError
-from limo_driver.exports.changes.bodies import (
-    AddedBody,
-    added_bodies,
-    gone_lines,
-    parts_of,
-    placed,
-    replaced_bodies,
-    rescaled_lines,
-    shared,
-    still_there,
-)
+from limo_driver.exports.changes import bodies
 from limo_driver.exports.changes.joints import EffectSplit, split
 from limo_driver.exports.changes.origin import FileOrigin
 from limo_driver.exports.xml_edits import MJCF, USD, XmlText, edited_format
@@ -67,7 +57,7 @@ class Target:
     dropped: tuple[str, ...] = ()  # lines: what of that goes
     loads: Mapping[str, Payload] = field(default_factory=dict)  # by name of the body in the file
     replaced: tuple[str, ...] = ()  # bodies of the file that loads stand for now, or that go
-    added: Mapping[str, AddedBody] = field(default_factory=dict)  # bodies that exports added
+    added: Mapping[str, bodies.AddedBody] = field(default_factory=dict)  # bodies that exports added
 
     def joints(self) -> list[tuple[str, JointDynamics, JointDynamics]]:
         """Return of each joint its name, what the file states, and what it shall have."""
@@ -82,10 +72,10 @@ class Target:
         has_motors = any(wanted.bristles or wanted.ripples for wanted in self.split.joints)
         return ".".join(map(str, OLDEST)) if has_motors else ""
 
-    def added_by_now(self, written: Mapping[str, Inertial]) -> dict[str, AddedBody]:
+    def added_by_now(self, written: Mapping[str, Inertial]) -> dict[str, bodies.AddedBody]:
         """Return the bodies that exports have added once these loads are written as these."""
         kept = {name: body for name, body in self.added.items() if name not in self.replaced}
-        return kept | {name: AddedBody(self.last, body) for name, body in written.items()}
+        return kept | {name: bodies.AddedBody(self.last, body) for name, body in written.items()}
 
 
 def target_of(simulation: Simulation, into: Path, kind: str, release: int) -> Target:
@@ -108,16 +98,18 @@ def target_of(simulation: Simulation, into: Path, kind: str, release: int) -> Ta
             f"is {model.description.kind}, expected {wanted.upper()} to export to {kind}", path=into
         )
     _check_same(own, model, into)
-    parts = parts_of(model)
+    parts = bodies.parts_of(model)
     changes: dict[str, Inertial] = {}
     rescaled: list[str] = []
     text = None if kind == USD else XmlText(into)
-    added = {} if text is None else still_there(added_bodies(text), parts.values())
-    replaced = replaced_bodies(list(parts.values())[-1], added, list(own.inertials.values())[-1])
+    added = {} if text is None else bodies.still_there(bodies.added_bodies(text), parts.values())
+    replaced = bodies.replaced_bodies(
+        list(parts.values())[-1], added, list(own.inertials.values())[-1]
+    )
     for its_parts, wanted in zip(parts.values(), own.inertials.values(), strict=True):
         left = tuple(part for part in its_parts if part.name not in replaced)
-        found = shared(left, wanted)
-        rescaled += rescaled_lines(left, found, wanted)
+        found = bodies.shared(left, wanted)
+        rescaled += bodies.rescaled_lines(left, found, wanted)
         changes |= found
     dynamics = model.description.dynamics
     origin = FileOrigin.of_layer(into) if text is None else FileOrigin.of(text)
@@ -130,7 +122,7 @@ def target_of(simulation: Simulation, into: Path, kind: str, release: int) -> Ta
     slips = any(own.slips for own in dynamics.values())
     with_slips = kind == MJCF and release >= PLASTIC and (slips or _can_slip(into))
     parts_split = split(whole, kind, with_play=with_play, with_slips=with_slips)
-    loads = placed(parts_split.payloads, replaced, _names(model))
+    loads = bodies.placed(parts_split.payloads, replaced, _names(model))
     joints, more = without(parts_split.joints, reflected(model, dynamics), model)
     return Target(
         model,
@@ -141,7 +133,7 @@ def target_of(simulation: Simulation, into: Path, kind: str, release: int) -> Ta
         (*lines, *more),
         users,
         origin,
-        (*dropped, *gone_lines(replaced, loads, added), *rescaled),
+        (*dropped, *bodies.gone_lines(replaced, loads, added), *rescaled),
         loads,
         replaced,
         added,

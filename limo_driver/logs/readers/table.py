@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, ParameterError, RecordingError
 from limo_driver.logs.readers.columns import SECONDS, WRITTEN, read_name
 from limo_driver.recordings.channels import BEYOND, seconds
 from limo_driver.runtime.display import shortened
 from limo_driver.runtime.parameters import Declared, parameter, shown
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _MATRIX: Final = 2  # dimensions
 _MOST_LABELS: Final = 4096  # columns of one array

@@ -15,11 +15,12 @@ import bz2
 import re
 import sqlite3
 import struct
+from collections.abc import Callable, Generator, Iterator
 from contextlib import closing, contextmanager
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Final
+from typing import Final
 from urllib.parse import quote
 
 import lz4.frame
@@ -28,15 +29,10 @@ import zstandard
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.logs.mcap_chunk import ALWAYS_FINE, LARGEST_CHUNK, MOST_PACKED
 from limo_driver.logs.mcap_file import CDR, LoggedMessage
-from limo_driver.logs.ros.message_layout import CODES, HEADER, STRING, MessageLayout
+from limo_driver.logs.ros.message_layout import CODES, HEADER, STRING, MessageField, MessageLayout
 from limo_driver.network.messages.cdr import ENCODING, LITTLE_ENDIAN, padding
 from limo_driver.runtime.given_files import Spent, check_file
 from limo_driver.runtime.plugins import require_package
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator
-
-    from limo_driver.logs.ros.message_layout import MessageField
 
 _ZSTD = b"\x28\xb5\x2f\xfd"  # begins what is packed, a message or the whole file
 _SQLITE = b"SQLite format 3\x00"

@@ -11,7 +11,7 @@ import numpy as np
 from limo_driver.errors import RecordingError, WireFormatError
 from limo_driver.logs.mcap_file import CDR, LoggedMessage, McapWriter, read_mcap
 from limo_driver.logs.ros.bag_files import read_db3, read_ros1
-from limo_driver.logs.ros.plain_messages import JSON, PROTOBUF
+from limo_driver.logs.ros.message_layout import JSON, PROTOBUF
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.recordings.channels import Columns
 from limo_driver.recordings.files.batches import BLOCK

@@ -6,16 +6,12 @@ The layout is the one that takes every byte of a message, no more and no fewer.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from limo_driver.errors import WireFormatError
-from limo_driver.logs.ros.message_layout import MessageLayout, layout_of
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from limo_driver.logs.ros.message_layout import DecodedMessage
+from limo_driver.logs.ros.message_layout import DecodedMessage, MessageLayout, layout_of
 
 _STATE: Final = "control_msgs/msg/JointTrajectoryControllerState"
 _HEAD: Final = "std_msgs/Header header\n"

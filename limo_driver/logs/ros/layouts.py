@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from pathlib import Path
+from typing import Any, Final, TypeAlias
 from xml.etree import ElementTree as ET
 
 from limo_driver.errors import RecordingError
@@ -18,10 +20,6 @@ from limo_driver.logs.ros.joint_state_log import messages_of
 from limo_driver.network.messages import JOINT_STATE, TORQUE_ESTIMATE, decode_joint_state
 from limo_driver.pages.figures import AFTER, JOINTS, MEASURED
 from limo_driver.quoting import for_xml
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 _Plots: TypeAlias = "Sequence[tuple[str, Sequence[tuple[str, str]]]]"  # title; series, colours
 _SEARCHED: Final = 50_000  # messages in which every topic of a log is heard

@@ -16,7 +16,7 @@ import pinocchio as pin
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.display import shortened
-from limo_driver.types import readonly
+from limo_driver.types import FloatArray, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.model.descriptions.description import RobotDescription
-    from limo_driver.types import FloatArray
 
 _HULL: Final = "Qt"  # what qhull is asked for: triangles
 _TOLERANCE: Final = 1e-10  # [m] of a distance, so that its differences give a derivative

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -27,13 +28,9 @@ from limo_driver.physics.effect import (
 )
 from limo_driver.physics.effects.friction import sign_width
 from limo_driver.physics.effects.sensing import TorqueOffset
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.parameters import JOINT, parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _SOFTEST = 1e-3  # [N m/rad]
 _REACH = 1.5  # [rad], how far a spring may rest from where it is looked for

@@ -19,14 +19,7 @@ from limo_driver.physics.effect import (
     JointMotion,
     State,
 )
-from limo_driver.physics.effects.friction import (
-    BUMPS,
-    CREEP_SPEEDS,
-    PLACES,
-    CoulombFriction,
-    sign_width,
-    sign_width_at,
-)
+from limo_driver.physics.effects import friction
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.parameters import parameter
 
@@ -99,7 +92,7 @@ class LoadDependentFriction(DryFriction):
     coefficient: float = parameter("1", lower=0.0, upper=10.0, scales=True)
     variant: str = parameter("text", of=VARIANTS, default="absolute")
     v_s: float | None = parameter("rad/s", lower=1e-5, upper=10.0, default=None)
-    v_eps: float = sign_width()
+    v_eps: float = friction.sign_width()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -126,7 +119,7 @@ class LoadDependentFriction(DryFriction):
         for variant in ("absolute", "positive", "negative", "quadratic"):
             effect = cls(joint=joint, coefficient=0.1, variant=variant)
             yield Hypothesis.of_one(effect, "coefficient", positive=True)
-        yield cls.at_creep(joint, CREEP_SPEEDS[2])
+        yield cls.at_creep(joint, friction.CREEP_SPEEDS[2])
 
     @classmethod
     def at_creep(cls, joint: int, v_s: float) -> Hypothesis:
@@ -177,7 +170,7 @@ class PositionDependentFriction(DryFriction):
     excess: tuple[float, ...] = parameter(
         "N m", lower=-MOST_TORQUE, upper=MOST_TORQUE, deviation="largest"
     )
-    v_eps: float = sign_width()
+    v_eps: float = friction.sign_width()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -204,18 +197,18 @@ class PositionDependentFriction(DryFriction):
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield it at places all over the range that the joint turned in."""
-        q, eps = recorded.position[:, joint - 1], sign_width_at(joint, recorded)
+        q, eps = recorded.position[:, joint - 1], friction.sign_width_at(joint, recorded)
         low, high = float(q.min()), float(q.max())
-        knots = tuple(np.linspace(low, max(high, low + 1e-3), PLACES).tolist())
+        knots = tuple(np.linspace(low, max(high, low + 1e-3), friction.PLACES).tolist())
         terms = tuple(
             cls(joint=joint, positions=knots, excess=tuple(bump), v_eps=eps)
-            for bump in BUMPS.tolist()
+            for bump in friction.BUMPS.tolist()
         )
         yield Hypothesis(
             cls.name,
             (joint - 1,),
             terms,
-            lambda c: (replace(terms[0], excess=tuple((BUMPS @ c).tolist())),),
+            lambda c: (replace(terms[0], excess=tuple((friction.BUMPS @ c).tolist())),),
         )
 
 
@@ -263,7 +256,7 @@ class TemperatureDependentFriction(DryFriction):
         default=None,
         chosen=True,
     )
-    v_eps: float = sign_width()
+    v_eps: float = friction.sign_width()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -310,7 +303,7 @@ class TemperatureDependentFriction(DryFriction):
     @classmethod
     def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
         """Yield what fades at several rates, and what a temperature does where it was measured."""
-        eps = sign_width_at(joint, recorded)
+        eps = friction.sign_width_at(joint, recorded)
         for part in WARMING_TIMES if recorded.shows_slow_change else ():
             yield cls.fading(joint, eps, part * recorded.longest)
         warmth = recorded.temperature
@@ -339,7 +332,7 @@ class TemperatureDependentFriction(DryFriction):
             reference = float(np.clip(reference, -50.0, 200))
             return (replace(slope, per_kelvin=per_kelvin, reference=reference),)
 
-        height = CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps)
+        height = friction.CoulombFriction(joint=joint, tau_c=1.0, v_eps=v_eps)
         return Hypothesis(slope.name, (joint - 1,), (slope, height), realise)
 
     def realise(self, robot: SimulatedPlant) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -22,13 +23,9 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.parameters import JOINT, Declared, parameter
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 KNOTS = 6  # of drift over a recording
 UNIT_ANGLE = 1e-3  # [rad]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
+from limo_driver.recordings.gate import held_values
 from limo_driver.recordings.gate.doubts import (
     FEWEST_LATE,
     STILL,
@@ -21,16 +22,6 @@ from limo_driver.recordings.gate.doubts import (
     LeftOut,
     UsableRows,
     doubts_about_rows,
-)
-from limo_driver.recordings.gate.held_values import (
-    contiguous,
-    even_runs,
-    held_position,
-    held_reason,
-    held_torque,
-    near_jumps,
-    swept,
-    velocity_factors,
 )
 
 if TYPE_CHECKING:
@@ -185,7 +176,7 @@ class _Gate:
         if self.columns.command is not None:  # a drive may be told to step, which is judged later
             return
         for j, position in enumerate(self.columns.position.T):
-            among = near_jumps(self.time, position[self.rows])
+            among = held_values.near_jumps(self.time, position[self.rows])
             self.leave_out(f"position_{j + 1} jumps as no joint moves: cut there", among)
 
     def check_values(self) -> None:
@@ -269,7 +260,7 @@ class _Gate:
 
     def fragments(self) -> Mask:
         """Mark runs of even progress that are too short to be differentiated."""
-        lengths = np.array([rows.stop - rows.start for rows in even_runs(self.time)])
+        lengths = np.array([rows.stop - rows.start for rows in held_values.even_runs(self.time)])
         return np.repeat(lengths < FEWEST_CONTIGUOUS, lengths)
 
     def impossible_time(self) -> Mask:
@@ -355,7 +346,7 @@ class _Gate:
         if np.abs(np.diff(values)).max(initial=0.0) * half < floor:  # no value can be farther
             return np.zeros(values.size, dtype=bool)
         deviation = np.zeros_like(values)
-        for rows in contiguous(self.time):
+        for rows in held_values.contiguous(self.time):
             near = median_filter(values[rows], size=_SPIKE_WINDOW, mode="nearest")
             deviation[rows] = np.abs(values[rows] - near)
         return deviation > max(_SPIKE_FACTOR * float(np.percentile(deviation, 99)), floor)
@@ -363,7 +354,7 @@ class _Gate:
     def short(self) -> Mask:
         """Mark stretches between gaps that are too short for any low-pass, (T,)."""
         time = self.time
-        pieces = contiguous(time)
+        pieces = held_values.contiguous(time)
         lasts = [float(time[rows.stop - 1] - time[rows.start]) for rows in pieces]
         short = np.array([len(pieces) > 1 and last < SHORTEST_PIECE for last in lasts], dtype=bool)
         return np.repeat(short, [rows.stop - rows.start for rows in pieces])
@@ -373,8 +364,8 @@ class _Gate:
         led = led_by(POSITION, self.columns.led)
         command = self.columns.command
         return {
-            held_reason(j): self.rows[
-                held_position(
+            held_values.held_reason(j): self.rows[
+                held_values.held_position(
                     self.time,
                     position,
                     command[self.rows, j] if command is not None and led[j] else None,
@@ -389,7 +380,7 @@ class _Gate:
         result = np.zeros_like(columns.torque, dtype=bool)
         for j in range(columns.position.shape[1]):
             position, torque = columns.position[rows, j], columns.torque[rows, j]
-            result[rows, j] = held_torque(self.time, position, torque)
+            result[rows, j] = held_values.held_torque(self.time, position, torque)
         return result
 
     def check_amount(self) -> None:
@@ -415,7 +406,7 @@ class _Gate:
 
     def check_units(self) -> None:
         position = self.columns.position[self.rows]
-        factors = velocity_factors(self.columns, self.rows)
+        factors = held_values.velocity_factors(self.columns, self.rows)
         usual = float(np.median(list(factors.values()))) if factors else 1.0
         if 1 / _DEGREES[1] < abs(usual) < 1 / _DEGREES[0]:
             raise RecordingError(
@@ -424,7 +415,7 @@ class _Gate:
             )
 
         for j in np.flatnonzero(np.ptp(position, axis=0) < STILL).tolist():
-            if (swing := swept(self.columns, self.rows, j)) > _SWEPT:
+            if (swing := held_values.swept(self.columns, self.rows, j)) > _SWEPT:
                 raise RecordingError(
                     f"position_{j + 1} never changes, but velocity_{j + 1} makes the joint swing "
                     f"over {swing:.2g} rad; expected both of the same motion"

@@ -18,7 +18,6 @@ from one_file import check_page, drawn, title_of
 from table_data import write_data
 
 from estimators.studies import table1_data as r
-from estimators.studies.table1_claims import CLAIMS, judge, write
 from estimators.studies.table1_data import (
     ALL_ROWS,
     PARTS,
@@ -28,7 +27,7 @@ from estimators.studies.table1_data import (
     physics_digest,
     rigid_body,
 )
-from estimators.studies.table1_page import table_page
+from estimators.studies.table1_page import CLAIMS, judge, table_page, write
 from estimators.studies.table1_results import (
     SCAFFOLDS,
     SEQUENCES,

@@ -12,7 +12,7 @@ from audit import violations
 from browser import browser, program
 from ports import free_port
 
-from limo_driver.app.library.whole.page import whole_page
+from limo_driver.app.library.whole.explaining import whole_page
 from limo_driver.app.library.whole.processes import ProvenWire
 from limo_driver.app.library.whole.proving import Proof, Step
 

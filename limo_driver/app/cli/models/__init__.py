@@ -22,7 +22,7 @@ from limo_driver.app.cli.models.retraining import (
     print_found,
     retrain,
 )
-from limo_driver.app.console.arguments import MappingOption, SessionOptions, describe_options
+from limo_driver.app.console.command_line import MappingOption, SessionOptions, describe_options
 from limo_driver.app.console.terminal import terminal
 
 if TYPE_CHECKING:

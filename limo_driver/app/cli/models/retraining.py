@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from limo_driver.app.console.arguments import MappingOption, SessionOptions, describe_options
+from limo_driver.app.console.command_line import MappingOption, SessionOptions, describe_options
 from limo_driver.app.console.terminal import table_of, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import require_file, whole

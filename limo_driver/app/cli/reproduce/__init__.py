@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from limo_driver.app.cli import INTERRUPTED
-from limo_driver.app.console.arguments import describe_options
+from limo_driver.app.console.command_line import describe_options
 from limo_driver.app.console.terminal import Machines, OnOption, progress, terminal
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.outputs import only_writer, require_folder
@@ -95,9 +95,8 @@ def _compute(
     folder: Path, out: Path, protocol: Protocol, where: tuple[str, int | None, str], notes: Console
 ) -> int:
     """Run the trials that are not finished yet, write the table, and return the exit status."""
-    from estimators.studies.table1_claims import write
     from estimators.studies.table1_data import TableData, physics_digest, rigid_body
-    from estimators.studies.table1_page import PAGE, table_page
+    from estimators.studies.table1_page import PAGE, table_page, write
     from estimators.studies.table1_results import Table, TrialStore
     from estimators.studies.table1_trials import TrialRunner
     from limo_driver.physics import Simulation
@@ -200,8 +199,8 @@ def _print(table: Table, out: Path) -> None:
     """Print the joint averages; all joints are in the files."""
     from rich.table import Table as Grid
 
-    from estimators.studies.table1_claims import cell, done
     from estimators.studies.table1_data import ALL_ROWS, PARTS
+    from estimators.studies.table1_page import cell, done
     from estimators.studies.table1_results import SPLIT_NAMES, SPLITS
 
     console = terminal()

@@ -10,20 +10,12 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn
 
 from estimators.rigid_body.base_parameters import Conditioning
 from estimators.studies.table1_data import DESCRIPTION, RBD, RECORDINGS, SCHEMA
+from limo_driver import physics
 from limo_driver.model import RobotModel
-from limo_driver.physics import (
-    CoulombFriction,
-    JointElasticity,
-    PreslidingHysteresis,
-    Sensors,
-    Simulation,
-    StribeckFriction,
-    ViscousFriction,
-)
 from limo_driver.robot.playback import Playback
 from limo_driver.robot.registry import open_for
 from limopa import PlanRequest, plan
@@ -35,10 +27,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from rich.console import Console
-    from rich.progress import TaskID
 
     from estimators.studies.table1_results import Trial, TrialResult
-    from limo_driver.physics import Effect
     from limo_driver.trajectory import Trajectory
 
 ROBOT: Final = "iiwa14"
@@ -70,24 +60,26 @@ _DRAWN = ExcitationRequest(duration=20.0, starts=2, iterations=0)
 QUICK: Final = Size(12, _DRAWN, _DRAWN, (1.0, 2.0))
 
 
-def simulated_arm() -> Simulation:
+def simulated_arm() -> physics.Simulation:
     """Return an iiwa 14 whose joints remember where they last reversed.
 
     Friction is of the size seen on such arms; the maker publishes none.
     """
-    effects: list[Effect] = []
+    effects: list[physics.Effect] = []
     for joint, friction in enumerate(_FRICTION, start=1):
         sliding = (1.0 - _PRESLIDING) * friction
         stiffness = _SHARES * _PRESLIDING * friction / _WIDTHS
         effects += [
-            CoulombFriction(joint=joint, tau_c=sliding),
-            ViscousFriction(joint=joint, f_v=_VISCOUS[joint - 1]),
-            StribeckFriction(joint=joint, tau_s=_STRIBECK * friction, v_s=0.03, delta=2.0),
-            PreslidingHysteresis(joint=joint, stiffness=tuple(stiffness), width=tuple(_WIDTHS)),
-            JointElasticity(joint=joint, stiffness=_ELASTIC[joint - 1]),
+            physics.CoulombFriction(joint=joint, tau_c=sliding),
+            physics.ViscousFriction(joint=joint, f_v=_VISCOUS[joint - 1]),
+            physics.StribeckFriction(joint=joint, tau_s=_STRIBECK * friction, v_s=0.03, delta=2.0),
+            physics.PreslidingHysteresis(
+                joint=joint, stiffness=tuple(stiffness), width=tuple(_WIDTHS)
+            ),
+            physics.JointElasticity(joint=joint, stiffness=_ELASTIC[joint - 1]),
         ]
-    sensors = Sensors(torque_noise=_NOISE, encoder_resolution=(1e-5,))
-    return Simulation(ROBOT, tuple(effects), sensors=sensors)
+    sensors = physics.Sensors(torque_noise=_NOISE, encoder_resolution=(1e-5,))
+    return physics.Simulation(ROBOT, tuple(effects), sensors=sensors)
 
 
 def make(folder: Path, size: Size, tell: Callable[[str, float], None]) -> bool:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from limo_driver.app.console.arguments import SessionOptions, describe_options
+from limo_driver.app.console.command_line import SessionOptions, describe_options
 from limo_driver.app.console.terminal import say
 from limo_driver.errors import ConfigError
 

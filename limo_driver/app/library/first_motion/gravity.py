@@ -20,14 +20,13 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
     mounted_otherwise,
 )
 from limo_driver.model.descriptions.geometry import Inertial
-from limo_driver.types import Motion
+from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from limo_driver.model import RobotModel
     from limo_driver.robot.registry import Examination
-    from limo_driver.types import FloatArray
 
 NO_TORQUE: Final = "no-torque"  # kind of a cause
 TOLERANCE: Final = 0.02  # of a joint's torque limit, of sensors and of dry friction at rest

@@ -6,29 +6,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from limo_driver.app.library.first_motion.records import PASSED, STEPS, TITLES, number_of
+from limo_driver.app.library.first_motion.records import PASSED, STEPS, TITLES, Folder, number_of
 from limo_driver.errors import LimoError
-from limo_driver.pages import Charts, Page
+from limo_driver.pages import Charts, Page, markup
 from limo_driver.pages.figures import DRAWN, JOINTS, MEASURED, curve, joint_motion, layout, numbers
-from limo_driver.pages.markup import (
-    columns,
-    folded,
-    header,
-    key,
-    listed,
-    next_steps,
-    paragraph,
-    section,
-    table,
-)
 from limo_driver.quoting import in_html as escape
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from limo_driver.app.library.first_motion.arms import RealArm
-    from limo_driver.app.library.first_motion.records import Folder
-    from limo_driver.pages.markup import Figure
 
 Record = dict[str, Any]
 
@@ -96,12 +83,12 @@ def step_page(record: Record, arm: RealArm, folder: Folder) -> Page:
     }[step](record, arm, folder, charts)
     crumb = f"First motion of {record['robot']}, step {number} of {len(STEPS)}: {TITLES[step]}"
     body = (
-        header(crumb, f"{title[:1].upper()}{title[1:]}.", about, badge=_BADGES[passed])
-        + section("What was found", _findings(record), "findings")
+        markup.header(crumb, f"{title[:1].upper()}{title[1:]}.", about, badge=_BADGES[passed])
+        + markup.section("What was found", _findings(record), "findings")
         + figures
-        + section("What only people can check", listed(_ASKED[step]), "people")
-        + section("Signature", _signature(record, folder), "signature", _SIGNED)
-        + next_steps(_next(record, arm, folder))
+        + markup.section("What only people can check", markup.listed(_ASKED[step]), "people")
+        + markup.section("Signature", _signature(record, folder), "signature", _SIGNED)
+        + markup.next_steps(_next(record, arm, folder))
     )
     return Page(f"{crumb}: {_BADGES[passed][0]}", body, charts)
 
@@ -114,18 +101,20 @@ def _findings(record: Record) -> str:
         ]
         for each in sorted(record["findings"], key=lambda each: not each["problem"])
     ]
-    return table(["kind", "what"], rows) if rows else "<p>Nothing that has to be known.</p>"
+    return markup.table(["kind", "what"], rows) if rows else "<p>Nothing that has to be known.</p>"
 
 
 def _signature(record: Record, folder: Folder) -> str:
-    lines = table(["name", "function", "date", "signature"], [["<br><br>"] * 4, ["<br><br>"] * 4])
+    lines = markup.table(
+        ["name", "function", "date", "signature"], [["<br><br>"] * 4, ["<br><br>"] * 4]
+    )
     seal = folder.seal(record["step"])
     known = {
         "record": f"{folder.file(record['step'], '.json').name}, SHA-256 {seal}",
         "description": f"{record['robot']}, SHA-256 {record['description']}",
         "follows": record["follows"] or "nothing: this is the first step",
     }
-    return lines + key(known)
+    return lines + markup.key(known)
 
 
 def _next(record: Record, arm: RealArm, folder: Folder) -> list[tuple[str, str]]:
@@ -151,14 +140,18 @@ def _link(record: Record, _arm: RealArm, _folder: Folder, _charts: Charts) -> st
     figures = record["figures"]
     rows = {name: value for name, value in figures.items() if isinstance(value, (int, float, str))}
     rows |= _counts(figures.get("link", {}))
-    body = columns({"what": list(rows), "value": list(map(_shown, rows.values()))}) if rows else ""
+    body = (
+        markup.columns({"what": list(rows), "value": list(map(_shown, rows.values()))})
+        if rows
+        else ""
+    )
     if drives := figures.get("drives"):
         names = list(dict.fromkeys(name for each in drives for name in each))
-        body += columns(
+        body += markup.columns(
             {"joint": range(1, len(drives) + 1)}
             | {name: [_hex(each.get(name)) for each in drives] for name in names}
         )
-    return section("Figures of the link", body, "figures")
+    return markup.section("Figures of the link", body, "figures")
 
 
 def _receive(record: Record, arm: RealArm, _folder: Folder, charts: Charts) -> str:
@@ -173,8 +166,8 @@ def _receive(record: Record, arm: RealArm, _folder: Folder, charts: Charts) -> s
             for name in ("p50", "p99", "p99_9", "longest")
         },
     }
-    link = columns({"what": list(counts), "value": list(map(_shown, counts.values()))})
-    link += folded("All counts of the link", _table_of(_counts(figures.get("link", {}))))
+    link = markup.columns({"what": list(counts), "value": list(map(_shown, counts.values()))})
+    link += markup.folded("All counts of the link", _table_of(_counts(figures.get("link", {}))))
     degrees = {
         "joint": list(range(1, arm.model.n + 1)),
         "lowest [°]": _degrees(figures.get("lowest")),
@@ -182,18 +175,18 @@ def _receive(record: Record, arm: RealArm, _folder: Folder, charts: Charts) -> s
         "range from [°]": _degrees(limits.position_min.tolist()),
         "to [°]": _degrees(limits.position_max.tolist()),
     }
-    body = section("Figures of the link", link, "link")
+    body = markup.section("Figures of the link", link, "link")
     if figures.get("lowest"):
-        body += section("Positions and ranges", columns(degrees), "ranges")
+        body += markup.section("Positions and ranges", markup.columns(degrees), "ranges")
     if figures.get("poses"):
         drawn = charts.place(_rests(figures), "Torque that gravity leaves, over its tolerance")
-        unseen = paragraph("; ".join(figures["unseen"]) + ".") if figures["unseen"] else ""
-        body += section("Torques at rest", drawn + _poses(figures), "gravity", _TORQUES)
-        body += section("What these poses could not show", unseen, "unseen")
+        unseen = markup.paragraph("; ".join(figures["unseen"]) + ".") if figures["unseen"] else ""
+        body += markup.section("Torques at rest", drawn + _poses(figures), "gravity", _TORQUES)
+        body += markup.section("What these poses could not show", unseen, "unseen")
     return body
 
 
-def _rests(figures: Record) -> Figure:
+def _rests(figures: Record) -> markup.Figure:
     """Return a chart of what gravity leaves of the torques of each pose."""
     torques, gravity = np.array(figures["torques"]), np.array(figures["gravity"])
     share = (torques - gravity) / np.array(figures["tolerance"])
@@ -228,7 +221,7 @@ def _poses(figures: Record) -> str:
             rows[""].append(name)
             for j, value in enumerate(values):
                 rows[f"joint {j + 1}"].append(f"{value:.1f}")
-    return columns(rows, numeric=2)
+    return markup.columns(rows, numeric=2)
 
 
 def _shadow(record: Record, _arm: RealArm, folder: Folder, charts: Charts) -> str:
@@ -245,7 +238,7 @@ def _shadow(record: Record, _arm: RealArm, folder: Folder, charts: Charts) -> st
             "SHA-256": motion["digest"],
         }
         known = {what: value for what, value in facts.items() if value is not None}
-        body += section(TITLES[name], drawn + _table_of(known), name)
+        body += markup.section(TITLES[name], drawn + _table_of(known), name)
     return body
 
 
@@ -278,14 +271,14 @@ def _motion(record: Record, arm: RealArm, folder: Folder, charts: Charts) -> str
             values["off its set-point, at most [mrad]"] = [
                 f"{1e3 * x:.2f}" for x in figures["tracking_max"]
             ]
-        drawn += columns(values)
+        drawn += markup.columns(values)
     counts = _table_of(_counts(figures.get("link", {})))
-    return section("The motion", drawn, "motion") + section(
+    return markup.section("The motion", drawn, "motion") + markup.section(
         "Figures of the link", counts, "figures"
     )
 
 
-def _followed(recording: Recording) -> Figure:
+def _followed(recording: Recording) -> markup.Figure:
     step = max(1, len(recording.time) // DRAWN)
     commanded = recording.command
     axes = layout("time [s]", "measured minus commanded [mrad]")
@@ -316,7 +309,7 @@ def _counts(link: Record) -> Record:
 def _table_of(values: Record) -> str:
     if not values:
         return ""
-    return columns({"what": list(values), "value": list(map(_shown, values.values()))})
+    return markup.columns({"what": list(values), "value": list(map(_shown, values.values()))})
 
 
 def _shown(value: object) -> object:

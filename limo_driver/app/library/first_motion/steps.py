@@ -8,12 +8,15 @@ last two is what was shadowed, from the same files.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
-from limo_driver.app.library.first_motion.arms import LINK_SECONDS
+from limo_driver.app.library.first_motion import watching
+from limo_driver.app.library.first_motion.arms import LINK_SECONDS, RealArm
 from limo_driver.app.library.first_motion.gravity import NO_TORQUE, TOLERANCE, judge_gravity
 from limo_driver.app.library.first_motion.motions import (
     JOINT_BEHIND,
@@ -27,8 +30,6 @@ from limo_driver.app.library.first_motion.motions import (
 from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
-from limo_driver.app.library.first_motion.shadow import ShadowRobot, first_state
-from limo_driver.app.library.first_motion.watching import Watch, WatchSettings, hold_still
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -36,21 +37,14 @@ from limo_driver.errors import (
     JointLimitError,
     PathError,
 )
-from limo_driver.robot.playback import Playback
+from limo_driver.robot.playback import Playback, PlaybackSummary
 from limo_driver.robot.registry import Examination
+from limo_driver.robot.robot import Robot
 from limo_driver.runtime.outputs import only_writer, require_folder
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.trajectory import Trajectory
+from limo_driver.types import FloatArray
 from limopa import Exploring, Surroundings
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from pathlib import Path
-
-    from limo_driver.app.library.first_motion.arms import RealArm
-    from limo_driver.robot.playback import PlaybackSummary
-    from limo_driver.robot.robot import Robot
-    from limo_driver.types import FloatArray
 
 MOTIONS: Final = ("one-joint", "limopa")
 _FIRST: Final = 10.0  # [s] in which a first measurement has to come
@@ -73,7 +67,7 @@ class FirstMotionSettings(Declared):
     """
 
     link_seconds: float = parameter("s", lower=0.0, above=True, default=LINK_SECONDS)
-    watch: WatchSettings = field(default_factory=WatchSettings)
+    watch: watching.WatchSettings = field(default_factory=watching.WatchSettings)
     tolerance: float = parameter("1", lower=0.0, upper=0.5, above=True, default=TOLERANCE)
     joint: int = parameter("", lower=0, default=0)
     scaffolds: int = parameter("", lower=1, upper=150, default=3)
@@ -222,7 +216,7 @@ class _Step:
         watched = self._settings.watch
         self.about = {**vars(watched), "tolerance": self._settings.tolerance}
         with self._arm.listen() as robot:
-            watch = Watch(robot, watched, self._tolerance)
+            watch = watching.Watch(robot, watched, self._tolerance)
             try:
                 watch.run(self._progress)
             except BackendError as error:
@@ -268,7 +262,7 @@ class _Step:
             "surroundings": vars(settings.surroundings),
         }
         with self._arm.listen() as robot:
-            start = first_state(robot, _FIRST).position
+            start = watching.first_state(robot, _FIRST).position
         planned = {
             "one-joint": one_joint(model, start, joint),
             "limopa": slow_limopa(
@@ -284,7 +278,7 @@ class _Step:
         for name, motion in planned.items():
             file = self._file(name)
             motion.save(file)
-            with ShadowRobot(self._arm.listen()) as shadow:
+            with watching.ShadowRobot(self._arm.listen()) as shadow:
                 computed = self._folder.file("shadow", f"_{name.replace('-', '_')}.parquet")
                 summary = self._play(shadow, Trajectory.load(file), computed)
             motions[name] = {
@@ -313,7 +307,7 @@ class _Step:
             watchman = Watchman(model, start, moving, lambda: robot.setpoint, behind)
             record = self._folder.file(step, ".parquet")
             if self._arm.torque_needs_power:
-                held = judge_gravity(model, [hold_still(robot, start)], self._tolerance)
+                held = judge_gravity(model, [watching.hold_still(robot, start)], self._tolerance)
                 held.judge(found, self._settings.tolerance)
             if not found.healthy:
                 return

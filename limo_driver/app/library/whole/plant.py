@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import count, takewhile
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.app.library.demonstrating import BELIEVED, COULOMB
+from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import (
     CoulombFriction,
+    Effect,
     ExternalContact,
     Payload,
     PickedUpLoad,
@@ -23,10 +25,6 @@ from limo_driver.physics import (
     Simulation,
     ViscousFriction,
 )
-
-if TYPE_CHECKING:
-    from limo_driver.model.descriptions.geometry import Inertial
-    from limo_driver.physics import Effect
 
 ROBOT: Final = "iiwa14"
 _WIDTHS: Final = (0.001745, 0.005236, 0.01309, 0.02618)  # [rad]: 0.1, 0.3, 0.75 and 1.5 degrees

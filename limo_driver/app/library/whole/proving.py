@@ -17,6 +17,8 @@ import numpy as np
 from limo_driver.app.library.whole import plant
 from limo_driver.app.library.whole.explaining import (
     BANDWIDTH,
+    Proof,
+    Step,
     count_unanswered,
     judge_explanation,
     judge_export,
@@ -33,7 +35,6 @@ from limo_driver.app.library.whole.processes import (
     recorded,
     wire_of,
 )
-from limo_driver.app.library.whole.steps import Proof, Step
 from limo_driver.errors import LimoError
 from limo_driver.network.streaming import open_session
 from limo_driver.runtime.plugins import require_package

@@ -7,29 +7,24 @@ import math
 import sys
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Generator, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from itertools import takewhile
+from pathlib import Path
 from tokenize import TokenError
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import IO, Any, Final, cast
 
 import numpy as np
 import pyarrow as pa
 from numpy.lib import format as npy
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.formats.arrow import numbers_of
 from limo_driver.logs.readers.table import LogTable, said_of_shape, table_of
 from limo_driver.recordings.files.batches import BLOCK, STRETCH, Stretches, most_rows
 from limo_driver.runtime.given_files import Spent, apart, json_of, read_text
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Iterator
-    from pathlib import Path
-    from typing import IO
-
-    from numpy.typing import NDArray
 
 _KIND: Final = "NumPy arrays"
 _MATRIX: Final = 2  # axes

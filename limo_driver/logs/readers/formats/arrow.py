@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from pathlib import Path
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import compute
 
 from limo_driver.errors import RecordingError
@@ -16,12 +19,6 @@ from limo_driver.logs.readers.table import LogTable
 from limo_driver.recordings.files.batches import FEW, Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText, tables_in
 from limo_driver.recordings.files.parquet import parquet_rows, reading_parquet
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
 
 # pyarrow ships no type stubs, so its columns are unknown to the checker.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false

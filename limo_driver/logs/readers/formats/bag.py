@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, WireFormatError
-from limo_driver.logs.mcap_file import CDR
+from limo_driver.logs.mcap_file import CDR, LoggedMessage
 from limo_driver.logs.readers.columns import (
     POSITION,
     TORQUE,
@@ -23,20 +26,11 @@ from limo_driver.logs.readers.columns import (
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.logs.ros.joint_state_log import about_no_stamps, bag_files, messages_of, ordered
 from limo_driver.logs.ros.known_layouts import layout_for
-from limo_driver.logs.ros.plain_messages import numbers_of
+from limo_driver.logs.ros.message_layout import DecodedMessage, numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.batches import STRETCH, Stretches
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from limo_driver.logs.mcap_file import LoggedMessage
-    from limo_driver.logs.ros.message_layout import DecodedMessage
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
 _MOST: Final = 1000  # joints

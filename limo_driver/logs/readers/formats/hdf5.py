@@ -5,15 +5,13 @@ h5py reads them. What points out of the file is left where it is.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 
 from limo_driver.errors import RecordingError
 from limo_driver.runtime.plugins import require_package
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 # h5py ships no type stubs.
 # pyright: reportMissingTypeStubs=false

@@ -9,25 +9,21 @@ An action is what LeRobot sends to a robot of motors: one goal position each, in
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.logs.readers.formats.arrow import numbers_of, read_parquet
 from limo_driver.logs.readers.table import LogTable
 from limo_driver.runtime.given_files import check_file, read_json_file
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 # pyarrow ships no type stubs, so its tables are unknown to the checker.
 # pyright: reportUnknownParameterType=false

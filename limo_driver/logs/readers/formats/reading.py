@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
 from limo_driver.errors import RecordingError
+from limo_driver.logs.readers.formats.arrow import kept_numbers, read_delimited, read_parquet
+from limo_driver.logs.readers.formats.lerobot import is_dataset, read_dataset
+from limo_driver.logs.readers.table import LogTable
 from limo_driver.runtime.given_files import check_file
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from limo_driver.logs.readers.table import LogTable
 
 _POINTER: Final = b"version https://git-lfs"
 BAGS: Final = (".mcap", ".db3", ".zstd", ".bag")
@@ -72,7 +71,6 @@ def read_table(
         return read_npz(path)
     if ending in OBJECTS:
         return _read_objects(path, ending)
-    from limo_driver.logs.readers.formats.arrow import kept_numbers, read_delimited, read_parquet
 
     if ending in TEXTS:
         return read_delimited(path)
@@ -89,8 +87,6 @@ def read_table(
 
 def is_log(folder: Path) -> bool:
     """Say whether a folder is one log: a bag as ROS 2 writes it, or a LeRobotDataset."""
-    from limo_driver.logs.readers.formats.lerobot import is_dataset
-
     return is_dataset(folder) or (folder / "metadata.yaml").is_file()
 
 
@@ -125,7 +121,6 @@ def _read_objects(path: Path, ending: str) -> LogTable:
 def _read_folder(
     path: Path, topic: str | None, episode: int | None, joints: Sequence[str]
 ) -> LogTable:
-    from limo_driver.logs.readers.formats.lerobot import is_dataset, read_dataset
 
     if is_dataset(path):
         return read_dataset(path, episode)

@@ -7,22 +7,19 @@ or under a quarter or four times of it. And no joint turns faster than its drive
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]
+from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.logs.readers.proposals.gravity import usual
+from limo_driver.model import RobotModel
 from limo_driver.recordings.bandwidth import bandwidth_at
 from limo_driver.recordings.filters.differentiation import differentiate, smooth
 from limo_driver.recordings.gate.held_values import even_runs
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _BANDWIDTH: Final = 5.0  # [Hz], within which arms move
 _FEWEST: Final = 500  # rows

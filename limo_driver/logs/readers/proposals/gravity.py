@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.logs.readers.columns import UNITS
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.model import RobotModel
+from limo_driver.types import FloatArray
 
 DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart

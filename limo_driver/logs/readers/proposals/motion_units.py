@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from limo_driver.logs.readers.columns import UNITS
 from limo_driver.logs.readers.proposals.gravity import (
@@ -20,15 +22,9 @@ from limo_driver.logs.readers.proposals.gravity import (
     usual,
 )
 from limo_driver.logs.readers.proposals.slides import slide_units
+from limo_driver.model import RobotModel
 from limo_driver.recordings.gate.held_values import one_factor, velocity_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.logs.readers.columns import UNITS
+from limo_driver.model import RobotModel
 from limo_driver.recordings.gate.held_values import velocity_factor
-
-if TYPE_CHECKING:
-    from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray
 
 _ROOM: Final = 0.1  # [m] beyond the limits of a description
 _UNITS: Final = ("m", "cm", "mm")

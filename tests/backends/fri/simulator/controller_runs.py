@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from backends.fri.codec.messages import FriVersion, SessionState
 from backends.fri.simulator.connection.port import Address, QualityModel
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.settings import MODES, ControllerSettings, SessionTimes
+from backends.fri.simulator.session import MODES, ControllerSettings, SessionTimes
 from limo_driver.robot.realtime import Pace
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from backends.fri import FriRobot
 from backends.fri.codec.messages import SessionState
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
-from backends.fri.simulator.settings import ControllerSettings
+from backends.fri.simulator.session import ControllerSettings
 from limo_driver.types import PositionCommand
 
 

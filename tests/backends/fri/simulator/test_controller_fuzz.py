@@ -4,7 +4,7 @@ import pytest
 from controller_fuzzing import fuzz_controller
 
 from backends.fri.simulator.report import MOST_COMPLAINTS
-from backends.fri.simulator.settings import POSE
+from backends.fri.simulator.session import POSE
 
 pytestmark = pytest.mark.waits
 

@@ -14,8 +14,7 @@ from backends.fri.simulator.judge import Wanted
 from backends.fri.simulator.listener import CommandedArm, Listener
 from backends.fri.simulator.report import ClientObservations
 from backends.fri.simulator.scenario import Now
-from backends.fri.simulator.session import ControllerSession
-from backends.fri.simulator.settings import POSE, ControllerSettings, SessionTimes
+from backends.fri.simulator.session import POSE, ControllerSession, ControllerSettings, SessionTimes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,8 +13,7 @@ from backends.fri.simulator.arm import Compliance, ControlledArm, SetpointPath
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.judge import CommandJudge, CommandLimits, Wanted
 from backends.fri.simulator.report import REMEMBERED, Arrival, Ledger
-from backends.fri.simulator.session import quaternion
-from backends.fri.simulator.settings import POSE, ControllerSettings
+from backends.fri.simulator.session import POSE, ControllerSettings, quaternion
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Simulation

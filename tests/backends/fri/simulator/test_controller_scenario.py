@@ -23,7 +23,7 @@ from backends.fri.simulator.scenario import (
     Silence,
     SimulatedPush,
 )
-from backends.fri.simulator.settings import ControllerSettings
+from backends.fri.simulator.session import ControllerSettings
 from limo_driver.model import RobotModel
 from limo_driver.robot.realtime import Pace
 

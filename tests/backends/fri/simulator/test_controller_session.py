@@ -23,8 +23,7 @@ from backends.fri.simulator.scenario import (
     ScenarioClock,
     SimulatedPush,
 )
-from backends.fri.simulator.session import Circumstances, ControllerSession
-from backends.fri.simulator.settings import SessionTimes
+from backends.fri.simulator.session import Circumstances, ControllerSession, SessionTimes
 from limo_driver.errors import ConfigError
 
 if TYPE_CHECKING:

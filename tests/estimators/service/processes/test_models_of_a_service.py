@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from limo_driver.app.cli import serve
 from limo_driver.app.cli.models import command
-from limo_driver.app.console.arguments import in_options
+from limo_driver.app.console.command_line import in_options
 from limo_driver.errors import ConfigError, ConnectionLostError, LimoError, ModelStoreError
 from limo_driver.network.streaming import open_session
 

@@ -13,8 +13,13 @@ import backends
 import estimators
 import limo_driver
 import limopa
-from limo_driver.app.console.arguments import OPTIONS, SessionOptions, describe_options, in_options
-from limo_driver.app.console.command_line import command_line
+from limo_driver.app.console.command_line import (
+    OPTIONS,
+    SessionOptions,
+    command_line,
+    describe_options,
+    in_options,
+)
 
 pytestmark = pytest.mark.waits
 

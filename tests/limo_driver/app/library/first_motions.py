@@ -23,7 +23,7 @@ from backends.fri.robot import FriRobot
 from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.scenario import ControllerScenario, HandGuiding, SessionCap
-from backends.fri.simulator.settings import ControllerSettings
+from backends.fri.simulator.session import ControllerSettings
 from limo_driver.app.library.first_motion.arms import CanArm, FriArm
 from limo_driver.app.library.first_motion.records import Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.steps import FirstMotionSettings

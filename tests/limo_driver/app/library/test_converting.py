@@ -9,10 +9,10 @@ import pytest
 from lanes import sampled
 from logged import arm, measured, numbered, written
 
+from limo_driver.app.library import converting
 from limo_driver.app.library.converting import convert_bags, convert_log
 from limo_driver.errors import RecordingError
 from limo_driver.logs.mcap_file import LoggedMessage, McapWriter
-from limo_driver.logs.readers import blocks
 from limo_driver.logs.readers.formats import arrays
 from limo_driver.logs.ros import joint_state_log
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec
@@ -32,9 +32,9 @@ def small_memory(monkeypatch):
     for module, name, value in (
         (delimited, "LONG_TEXT", 0),
         (delimited, "blocks_of", few),
-        (blocks, "LONG_TEXT", 0),
-        (blocks, "MOST", ROWS),
-        (blocks, "blocks_of", few),
+        (converting, "LONG_TEXT", 0),
+        (converting, "MOST", ROWS),
+        (converting, "blocks_of", few),
         (arrays, "most_rows", lambda _: ROWS),
         (arrays, "BLOCK", ROWS),
         (joint_state_log, "BLOCK", ROWS),

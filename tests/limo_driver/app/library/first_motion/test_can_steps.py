@@ -11,8 +11,8 @@ from backends.can.config import CONVENTIONS, DAMIAO
 from backends.can.robot import CanRobot
 from backends.can.simulator.scenario import FROM_DRIVES, LostFrames, SwappedJoints
 from limo_driver.app.library.first_motion.records import STEPS
-from limo_driver.app.library.first_motion.shadow import ShadowRobot
 from limo_driver.app.library.first_motion.steps import take_step
+from limo_driver.app.library.first_motion.watching import ShadowRobot
 from limo_driver.errors import BackendError, ConfigError
 from limo_driver.physics import GravityDirection, Payload, Simulation
 from limo_driver.physics.effects.sensing import TorqueOffset

@@ -11,8 +11,7 @@ from one_file import check_page, title_of
 
 from backends.can.config import ArmConfig
 from limo_driver.app.library.whole import plant
-from limo_driver.app.library.whole.explaining import BANDWIDTH, judge_explanation
-from limo_driver.app.library.whole.page import whole_page
+from limo_driver.app.library.whole.explaining import BANDWIDTH, judge_explanation, whole_page
 from limo_driver.app.library.whole.processes import BACKENDS, RATE, wire_of
 from limo_driver.app.library.whole.proving import Proof, Step, prove
 from limo_driver.errors import ConfigError
