@@ -86,8 +86,6 @@ def command(
         limo run --backend mujoco --trajectory diagnosis/next_motion.parquet \
             --record next.parquet
     """
-    import json
-
     from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
     from estimators.diagnosis.stages import forward
     from estimators.telemetry import telemetry_in
@@ -121,7 +119,7 @@ def command(
             written = found.save(out)
         progress("done", 1.0)
     if as_json:
-        typer.echo(json.dumps(found.verdict.as_values(), indent=1))
+        typer.echo(found.verdict.as_json())
     else:
         print_notes(measured)
         for recording in measured if robot is not None else ():
