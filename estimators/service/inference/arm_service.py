@@ -372,7 +372,9 @@ class ArmService:
         model, draft = self._model, self._draft
         stamp = state.stamp_ns - model.delay_ns
         attachment = relabelled(attachment, model.version)
-        self._outlet.estimate(draft.finished(stamp, reset=reset), attachment, stamp)
+        since_gap = self._last - self._began
+        payload = draft.finished(stamp, reset=reset, since_gap=since_gap)
+        self._outlet.estimate(payload, attachment, stamp)
         if self._outlet.external_wanted:
             nothing = state.position[:0]
             payload = self._states.encode(stamp, nothing, nothing, draft.external)
@@ -380,7 +382,7 @@ class ArmService:
         if self._outlet.known_wanted:
             known = ~(draft.outside | np.isnan(draft.std + draft.external))
             torque, std = (np.where(known, of, np.nan) for of in (draft.external, draft.std))
-            about = model.version, model.physics_only, self._last - self._began
+            about = model.version, model.physics_only, since_gap
             self._outlet.known(ExternalTorque(stamp, torque, std, *about), attachment)
 
 
