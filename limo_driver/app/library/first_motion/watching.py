@@ -157,8 +157,8 @@ class Watch:
             self.odd.setdefault(
                 ("speed", j + 1),
                 f"joint {j + 1} was measured at {state.velocity[j]:.3g} rad/s, above its limit of "
-                f"{limits.velocity[j]:.3g} rad/s, while nobody commanded it: an encoder that "
-                "jumps, or another unit",
+                f"{limits.velocity[j]:.3g} rad/s, while nobody commanded it: a quick hand, an "
+                "encoder that jumps, or another unit",
             )
         for j in np.flatnonzero(strong).tolist():
             self.odd.setdefault(
