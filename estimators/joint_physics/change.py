@@ -16,13 +16,13 @@ import numpy as np
 from estimators.joint_physics.calibration import lower_root
 from estimators.regression.definite import inverse_root, jackknife
 from estimators.regression.empirical_bayes import LEAST_NOISE, RegionalFit, WeightPosterior
-from estimators.regression.evidence import NormalEquations
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from estimators.joint_physics.columns import JointColumns
     from estimators.joint_physics.normal_equations import MotionEquations, Sums
+    from estimators.regression.evidence import NormalEquations
     from limo_driver.types import FloatArray
 
 _LOAD: Final = np.array([5.0, *(1.0,) * 3, *(0.1,) * 6])  # [kg, kg m, kg m²], 1 sigma of a new one
@@ -82,19 +82,17 @@ def _load_of(
     left: Sums, rigid: slice, own: FloatArray, without: int | None = None
 ) -> WeightPosterior:
     """Return the parameters (10,) of a load, by what weights leave of the torque of all joints."""
-    found = WeightPosterior(np.zeros(_LOAD.size), np.diag(_LOAD))
+    use = np.arange(len(left.count)) != without
+    gram, product = left.gram[use].sum(axis=0), left.product[use].sum(axis=0)
+    G, b = own.T @ gram[:, rigid, rigid] @ own, product[:, rigid] @ own  # (n, 10, 10), (n, 10)
+    energy, count = left.energy[use].sum(axis=0), left.count[use].sum(axis=0)
+    load, root = np.zeros(_LOAD.size), np.diag(_LOAD)
     for _ in range(_ROUNDS):  # each joint counts by what the load leaves of its torque
-        precision, product = np.diag(_LOAD**-2), np.zeros(_LOAD.size)
-        for j in range(left.count.shape[1]):
-            every = left.equations(j, without)
-            gram, own_product = own.T @ every.gram[rigid, rigid] @ own, own.T @ every.product[rigid]
-            felt = NormalEquations(gram, own_product, every.energy, every.rows)
-            noise = max(felt.error(found.weights) / felt.rows, LEAST_NOISE) / _WORTH
-            precision += felt.gram / noise
-            product += felt.product / noise
-        root = inverse_root(precision)
-        found = WeightPosterior(root.T @ (root @ product), root)
-    return found
+        error = np.maximum((energy + (G @ load - 2.0 * b) @ load) / count, LEAST_NOISE)
+        worth = _WORTH / error
+        root = inverse_root(np.diag(_LOAD**-2) + np.tensordot(worth, G, axes=1))
+        load = root.T @ (root @ (worth @ b))
+    return WeightPosterior(load, root)
 
 
 def _after_change(

@@ -164,7 +164,8 @@ class Watch:
             self.odd.setdefault(
                 ("torque", j + 1),
                 f"joint {j + 1} was measured at {state.torque[j]:.3g} N m, above its limit of "
-                f"{limits.torque[j]:.3g} N m: another unit, or a sensor that is broken",
+                f"{limits.torque[j]:.3g} N m: another unit, joints that are exchanged, "
+                "or a sensor that is broken",
             )
 
     def judge(self, found: Examination) -> None:
