@@ -28,7 +28,7 @@ from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
 from limo_driver.app.library.first_motion.shadow import ShadowRobot, first_state
-from limo_driver.app.library.first_motion.watching import Watch, WatchSettings, hold_still
+from limo_driver.app.library.first_motion.watching import Watch, WatchSettings, hold_judged
 from limo_driver.errors import (
     BackendError,
     ConfigError,
@@ -313,7 +313,9 @@ class _Step:
             watchman = Watchman(model, start, moving, lambda: robot.setpoint, behind)
             record = self._folder.file(step, ".parquet")
             if self._arm.torque_needs_power:
-                held = judge_gravity(model, [hold_still(robot, start)], self._tolerance)
+                held = hold_judged(
+                    robot, start, lambda pose: judge_gravity(model, [pose], self._tolerance)
+                )
                 held.judge(found, self._settings.tolerance)
             if not found.healthy:
                 return
