@@ -56,6 +56,14 @@ class ResidualModel(ABC, Generic[Fitted]):
         """
         return cls(simulation, bandwidth)  # pyright: ignore[reportCallIssue]  # a subclass's own
 
+    def going_on_from(self, other: ResidualModel[Any]) -> Self:  # noqa: ARG002  # a subclass's own
+        """Learn anew, or only what another on the same simulation does not know, where that can be.
+
+        Args:
+            other: Fitted; not changed.
+        """
+        return self
+
     @classmethod
     @abstractmethod
     def load(cls, folder: Path | str) -> Self:

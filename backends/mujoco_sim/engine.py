@@ -6,6 +6,7 @@ read and written where they are, so that no Python runs in between and no global
 One cycle is one step of symplectic Euler. With q_k at time k, MuJoCo's velocity v_k = (q_k −
 q_k−1)/h belongs to time k − ½; position q_k, velocity (v_k + v_k+1)/2, acceleration
 (v_k+1 − v_k)/h and the torque over that step therefore all belong to time k, to second order.
+Friction slows the arm by that of v_k+1, and is sensed as that of (v_k + v_k+1)/2.
 These four are what the sensors sample. They are known when the step is done: a measurement
 reaches the controller one cycle after it was taken.
 """
@@ -171,7 +172,7 @@ def _advance(
     links = _links(at)
     frictions, elements, followed = sizes
     position, velocity, rate = own.position, own.velocity, own.rate
-    torque, damping, friction = own.torque, own.damping, own.friction
+    torque, damping, friction, motor = own.torque, own.damping, own.friction, own.motor
     for t in range(targets.shape[0]):
         _step1(model, data)
         gather(links, arrays, followed, n)
@@ -185,21 +186,29 @@ def _advance(
         else:
             compliant(arrays, memory, mode, targets[t], command, own)
         saturate(servo, n, own)
-        _friction(plant, memory, added, n, frictions, own)
+        for j in range(n):  # expected next
+            motor[j] = 2.0 * velocity[j] - memory[row.LAST_VELOCITY * n + j] + rate[j]
+        _friction(plant, n, frictions, own)
         for j in range(n):
-            arrays.control[j] = friction[j] + damping[j]
-            arrays.applied[j] = torque[j] - friction[j] * rate[j] - added[row.ADDED_TORQUE * n + j]
+            sliding = friction[j] + added[row.ADDED_DAMPING * n + j]
+            arrays.control[j] = sliding + damping[j]
+            arrays.applied[j] = torque[j] - sliding * rate[j] - added[row.ADDED_TORQUE * n + j]
             memory[row.LAST_VELOCITY * n + j] = velocity[j]
         spread(links, arrays, followed, n)
         _step2(model, data)
         gather_state(links, arrays, followed, n)
         for j in range(n):
             own.acceleration[j] = (arrays.velocity[j] - velocity[j]) / servo.period
+            torque[j] -= friction[j] * (arrays.velocity[j] + rate[j])
+            motor[j] = 0.5 * (velocity[j] + arrays.velocity[j]) + rate[j]
+        _friction(plant, n, frictions, own)
+        for j in range(n):
+            torque[j] += friction[j] * motor[j]
         multiply(arrays, n, own.acceleration, own.inertial)
         _sense(arrays, plant, memory, added, n, own, log[t])
         _measure(servo, memory, noise[t], log[t])
         for j in range(n):
-            log[t, row.TRUE_VELOCITY, j] = 0.5 * (velocity[j] + arrays.velocity[j]) + rate[j]
+            log[t, row.TRUE_VELOCITY, j] = motor[j]
     total = 0.0
     for j in range(n):
         total += arrays.position[j] + arrays.velocity[j]
@@ -320,19 +329,16 @@ def _wind_up(
 
 
 @compiled(inline="always")
-def _friction(
-    plant: Plant, memory: FloatArray, added: FloatArray, n: int, frictions: int, own: Scratch
-) -> None:
-    """Sum the secant damping of every joint's frictions, at the velocity expected next.
+def _friction(plant: Plant, n: int, frictions: int, own: Scratch) -> None:
+    """Sum the secant damping of every joint's frictions, at the velocities of the motors.
 
     A damping that is never negative dissipates at any step size, however stiff the law.
     """
-    velocity, rate, friction = own.velocity, own.rate, own.friction
+    motor, friction = own.motor, own.friction
     for j in range(n):
-        friction[j] = added[row.ADDED_DAMPING * n + j]
+        friction[j] = 0.0
     for f in range(frictions):
         j = int(plant.friction_joint[f])
-        expected = 2.0 * velocity[j] - memory[row.LAST_VELOCITY * n + j] + rate[j]
         friction[j] += friction_damping(
             plant.friction_law[f],
             plant.friction_parameters[ROW * f + 0],
@@ -342,7 +348,7 @@ def _friction(
             plant.friction_parameters[ROW * f + 4],
             plant.friction_parameters[ROW * f + 5],
             plant.friction_parameters[ROW * f + 6],
-            expected,
+            motor[j],
         )
 
 

@@ -166,13 +166,24 @@ def judge(
 
 
 def calibrate(
-    sums: MotionEquations, columns: JointColumns, fits: Sequence[RegionalFit]
+    sums: MotionEquations, columns: JointColumns, fits: Sequence[RegionalFit], usual: FloatArray
 ) -> Calibration:
-    """Judge each joint's fits without a part of the motion on the rows of that part."""
+    """Judge each joint's fits without a part of the motion on the rows of that part.
+
+    Args:
+        sums: Of what is fitted.
+        columns: The columns.
+        fits: Of each joint.
+        usual: Mean square of what the simulation leaves, (n,) [N² m²].
+    """
     least = np.where(np.all(sums.folds.count >= columns.count, axis=0), 0.0, 1.0)
     speed = sums.judged.columns[:, :, columns.of_family("viscous").start]
     fastest = np.maximum(np.abs(speed).max(axis=1).astype(np.float64), _SLOWEST)
-    found = [_calibrate_joint(sums, fit, j, float(least[j])) for j, fit in enumerate(fits)]
+    usual = np.maximum(usual, LEAST_NOISE)
+    found = [
+        _calibrate_joint(sums, fit, j, float(least[j]), float(usual[j]))
+        for j, fit in enumerate(fits)
+    ]
     values = (np.array(values) for values in zip(*found, strict=True))
     return Calibration(*values, power=np.full(len(fits), 2.0), fastest=fastest)
 
@@ -211,7 +222,7 @@ class _Judged:
 
 
 def _calibrate_joint(
-    sums: MotionEquations, fit: RegionalFit, joint: int, least: float
+    sums: MotionEquations, fit: RegionalFit, joint: int, least: float, usual: float
 ) -> tuple[float, float, float, float, float]:
     """Return noise, factor, growth, usual size and farthest leverage of one joint."""
     rows, noise = sums.judged, fit.prior.noise
@@ -223,8 +234,6 @@ def _calibrate_joint(
     excess = (far.error / DEVIATIONS) ** 2 / factor - noise
     growth = float(np.quantile(excess / np.maximum(far.leverage, _LEAST_LEVERAGE), COVERAGE))
     growth = max(growth, 1.0)
-    everything = sums.folds.equations(joint)
-    usual = max(everything.energy / everything.rows, LEAST_NOISE)
     shows = max(_SHOWS * noise, _MATTERS * usual)
     beyond = max(float(np.quantile(near.leverage + near.added, _INSIDE)), shows)
     return noise, factor, growth, usual, min(beyond, usual / (factor * growth))

@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
 
-from estimators.rigid_body.base_parameters import find_base_parameters
+from estimators.rigid_body.base_parameters import BaseParameters, find_base_parameters
 from estimators.rigid_body.regressor import (
     PER_LINK,
     RegressorChain,
@@ -177,10 +177,19 @@ class JointColumns:
     @cached_property
     def base(self) -> NDArray[np.int64]:
         """Columns of the links' regressor that are independent of each other."""
-        independent = find_base_parameters(
-            self.body, JointTerms(offset=False, armature=False)
-        ).independent
+        independent = self._parameters.independent
         return independent[independent < PER_LINK * self.n]
+
+    @cached_property
+    def _parameters(self) -> BaseParameters:
+        return find_base_parameters(self.body, JointTerms(offset=False, armature=False))
+
+    @cached_property
+    def last_link(self) -> FloatArray:
+        """Weights of the family `rigid` by each parameter of the last link, (b, 10)."""
+        full = np.zeros((self._parameters.mixing.shape[1] + self._parameters.rank, PER_LINK))
+        full[PER_LINK * (self.n - 1) : PER_LINK * self.n] = np.eye(PER_LINK)
+        return self._parameters.reduce(full)[self._parameters.independent < PER_LINK * self.n]
 
     @cached_property
     def constants(self) -> tuple[Arm, NDArray[np.int64], float, int, float]:

@@ -14,7 +14,7 @@ and N m elsewhere. But sensors, encoders and gears are off by about as much on a
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, Final, NamedTuple, Self, TypeAlias
 
 import numpy as np
@@ -22,6 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from estimators.base import Estimate
 from estimators.joint_physics.calibration import Calibration, calibrate, confirmed_fit
+from estimators.joint_physics.change import fit_change
 from estimators.joint_physics.columns import WIDTHS, JointColumns
 from estimators.joint_physics.normal_equations import MotionEquations
 from estimators.joint_physics.prediction import (
@@ -32,7 +33,7 @@ from estimators.joint_physics.prediction import (
     moments_of,
 )
 from estimators.model_folder import WEIGHTS, ModelFolder, provenance, write_folder
-from estimators.regression.empirical_bayes import RegionalFit, fit
+from estimators.regression.empirical_bayes import RegionalFit, WeightPosterior, fit
 from estimators.residual_model import ResidualModel
 from limo_driver.errors import ModelStoreError
 from limo_driver.recordings.bandwidth import BANDWIDTH
@@ -102,9 +103,17 @@ class FittedPhysics:
         simulation: Simulation,
         recordings: Sequence[Recording],
         learning: Learning,
+        before: FittedPhysics | None = None,
     ) -> FittedPhysics:
-        """Fit the weights, and calibrate their uncertainty on motion that was left out."""
-        fits = [_fit_joint(sums, columns, j, learning) for j in range(columns.n)]
+        """Fit the weights, or how they differ from those before, and calibrate their uncertainty.
+
+        That is done on motion that was left out.
+        """
+        fit = partial(_fit_joint, columns=columns, learning=learning)
+        if before is None:
+            given, fits = sums, [fit(sums, joint=j) for j in range(columns.n)]
+        else:
+            given, fits = fit_change(before.posteriors, sums, columns, fit)
         rmse = {
             "simulation": _rmse(simulation, recordings, columns.bandwidth).tolist(),
             "held_out": [float(np.sqrt(found.held_out)) for found in fits],
@@ -115,7 +124,7 @@ class FittedPhysics:
             weights,
             np.stack([found.posterior.root for found in fits]),
             columns.friction,
-            calibrate(sums, columns, fits),
+            calibrate(given, columns, fits, sums.usual),
             UnknownMemory.of(columns, weights, moments, simulation),
             {"recordings": [provenance(recording) for recording in recordings], "rmse": rmse}
             | learning.as_record(columns.n),
@@ -144,6 +153,11 @@ class FittedPhysics:
             UnknownMemory.of(columns, found["weights"], moments, opened.simulation),
             opened.record("held_out"),
         )
+
+    @property
+    def posteriors(self) -> list[WeightPosterior]:
+        """The weights of each joint."""
+        return [WeightPosterior(*own) for own in zip(self.weights, self.root, strict=True)]
 
     @cached_property
     def prediction(self) -> Prediction:
@@ -200,6 +214,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
     ) -> None:
         super().__init__(simulation)
         self.learning = learning
+        self.before: FittedPhysics | None = None
         self.columns = JointColumns(simulation.body, bandwidth)
 
     @classmethod
@@ -230,6 +245,12 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         tensors["moments"] = fitted.unknown.moments
         write_folder(folder, entries, tensors, self.simulation, _PACKAGES)
 
+    def going_on_from(self, other: ResidualModel[Any]) -> Self:
+        """Fit how weights differ from those of another, which stay where the data show nothing."""
+        if isinstance(other, type(self)) and other.memory == self.memory:
+            self.before = other.fitted
+        return self
+
     @property
     def bandwidth(self) -> float:
         """Bandwidth of the zero-phase filters on motion and torque [Hz]."""
@@ -249,7 +270,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
         """
         sums = MotionEquations.of(self.simulation, self.columns, recordings)
         self.fitted_ = FittedPhysics.of(
-            sums, self.columns, self.simulation, recordings, self.learning
+            sums, self.columns, self.simulation, recordings, self.learning, self.before
         )
         return self
 
@@ -285,7 +306,7 @@ class JointPhysics(ResidualModel[FittedPhysics]):
 
 
 def _fit_joint(
-    sums: MotionEquations, columns: JointColumns, joint: int, learning: Learning
+    sums: MotionEquations, joint: int, columns: JointColumns, learning: Learning
 ) -> RegionalFit:
     everything = sums.regions.equations(joint)
     known = tolerances(columns, joint, everything.rms)

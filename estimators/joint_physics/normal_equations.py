@@ -18,7 +18,7 @@ or phylogenetic structure", Ecography 2017 (blocks in the space of the predictor
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -93,6 +93,14 @@ class Sums:
             float(self.count[part, joint]),
         )
 
+    def beyond(self, weights: FloatArray) -> Sums:
+        """Return the sums of what weights (n, K) leave of the residual."""
+        inner = np.einsum("pjkl,jl->pjk", self.gram, weights)
+        energy = np.einsum("pjk,jk->pj", inner - 2.0 * self.product, weights)
+        return replace(
+            self, product=self.product - inner, energy=np.maximum(self.energy + energy, 0.0)
+        )
+
     def each_left_out(self, joint: int) -> list[NormalEquations]:
         """Return the sums of one joint (0-based) without each part."""
         return [self.equations(joint, without=part) for part in range(len(self.count))]
@@ -132,6 +140,17 @@ class MotionEquations:
             kept.append(JudgedRows.of(rows, residual, fold, region, every))
         _check_enough(folds.count, columns, recordings)
         return cls(folds, regions, JudgedRows.joined(kept))
+
+    def beyond(self, weights: FloatArray) -> MotionEquations:
+        """Return the same of what weights (n, K) leave of the residual."""
+        left = np.einsum("jtk,jk->tj", self.judged.columns, weights)
+        judged = replace(self.judged, residual=self.judged.residual - left)
+        return MotionEquations(self.folds.beyond(weights), self.regions.beyond(weights), judged)
+
+    @property
+    def usual(self) -> FloatArray:
+        """Mean square of the residual, (n,) [N² m²]."""
+        return self.folds.energy.sum(axis=0) / self.folds.count.sum(axis=0)
 
 
 @dataclass(frozen=True)

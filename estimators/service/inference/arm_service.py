@@ -372,7 +372,8 @@ class ArmService:
         model, draft = self._model, self._draft
         stamp = state.stamp_ns - model.delay_ns
         attachment = relabelled(attachment, model.version)
-        self._outlet.estimate(draft.finished(stamp, reset=reset), attachment, stamp)
+        gap = self._last - self._began
+        self._outlet.estimate(draft.finished(stamp, reset=reset, since_gap=gap), attachment, stamp)
         if self._outlet.external_wanted:
             nothing = state.position[:0]
             payload = self._states.encode(stamp, nothing, nothing, draft.external)
@@ -380,7 +381,7 @@ class ArmService:
         if self._outlet.known_wanted:
             known = ~(draft.outside | np.isnan(draft.std + draft.external))
             torque, std = (np.where(known, of, np.nan) for of in (draft.external, draft.std))
-            about = model.version, model.physics_only, self._last - self._began
+            about = model.version, model.physics_only, gap
             self._outlet.known(ExternalTorque(stamp, torque, std, *about), attachment)
 
 

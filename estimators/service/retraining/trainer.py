@@ -93,8 +93,8 @@ def learned(kind: str, champion: ResidualModel[Any], recording: Recording) -> Re
     check_kind(kind)
     wanted = champion.name if kind == SAME else kind
     if wanted in trained_by_name():
-        estimator = to_train(wanted)
-        return estimator.unfitted(champion.simulation, champion.bandwidth).fit([recording])
+        model = to_train(wanted).unfitted(champion.simulation, champion.bandwidth)
+        return model.going_on_from(champion).fit([recording])
     from estimators.hybrid.training.settings import usual_settings
 
     known = usual_settings("drive", wanted) if wanted in NETWORKS else _settings_of(champion)

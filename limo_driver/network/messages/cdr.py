@@ -62,6 +62,7 @@ bool[] outside
 string model
 bool fallback
 bool reset
+uint8[3] since_gap
 {_HEADER}{_TIME}""",
     LOG: f"""byte DEBUG=10
 byte INFO=20
@@ -230,6 +231,13 @@ class CdrReader:
         """Take a sequence of bytes that are 0 or 1; read-only, (length,)."""
         count = self._count(1, name)
         return np.frombuffer(self._flags(count, name), np.bool_)
+
+    def later(self, size: int) -> bytes:
+        """Take bytes that senders of before did not send; zeros of those."""
+        if len(self._data) - self.offset < size:
+            return bytes(size)
+        self.offset += size
+        return self._data[self.offset - size : self.offset]
 
     def end(self) -> None:
         """Check that the message ends here."""

@@ -8,6 +8,7 @@ with their covariance, for which ROS 2 has no message of its own.
 from __future__ import annotations
 
 import json
+import math
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -32,6 +33,8 @@ from limo_driver.network.messages.cdr import (
 from limo_driver.types import FloatArray
 
 _STAMP: Final = struct.Struct("<iI")
+_GAP_SIZE: Final = 3  # bytes; readers of before took so many for padding
+_LONGEST_GAP: Final = 2 ** (8 * _GAP_SIZE) - 1  # [ms]
 
 
 def encode_wrench(stamp_ns: int, frame_id: str, wrench: FloatArray) -> bytes:
@@ -83,6 +86,7 @@ class TorqueEstimate:
     model: str  # its version
     fallback: bool  # the estimate is of the physics alone
     reset: bool  # the memory of the estimator started anew at this sample
+    since_gap: float  # stream's time since memory last began anew [s]; NaN of who does not tell
 
 
 class TorqueEstimateCodec(RobotCodec):
@@ -107,6 +111,7 @@ class TorqueEstimateCodec(RobotCodec):
         model: str = "",
         fallback: bool = False,
         reset: bool = False,
+        since_gap: float = math.nan,
     ) -> bytes:
         """Return the message.
 
@@ -119,13 +124,14 @@ class TorqueEstimateCodec(RobotCodec):
             model: Version of the model.
             fallback: The estimate is of the physics alone.
             reset: The memory of the estimator started anew at this sample.
+            since_gap: Stream's time since memory last began anew [s]; NaN where unknown.
 
         Raises:
             ShapeError: An array has another shape.
             WireFormatError: The stamp does not fit into 32 bits of seconds.
         """
         body = self._packed(stamp_ns, torque=torque, std=std, external=external, outside=outside)
-        return body + _tail(len(body), model, fallback, reset)
+        return body + _tail(len(body), model, fallback, reset) + _milliseconds(since_gap)
 
 
 class EstimateDraft:
@@ -155,14 +161,15 @@ class EstimateDraft:
         at = places[2] + 8 * n + 4
         self.outside = values[at : at + n].view(np.bool_)  # (n,)
 
-    def finished(self, stamp_ns: int, *, reset: bool) -> bytes:
+    def finished(self, stamp_ns: int, *, reset: bool, since_gap: float) -> bytes:
         """Return the message of a stamp, as `TorqueEstimateCodec.encode` does.
 
         Raises:
             WireFormatError: The stamp does not fit into 32 bits of seconds.
         """
         _STAMP.pack_into(self._message, HEADER_SIZE, *split_time(stamp_ns))
-        self._message[-1] = reset
+        self._message[-_GAP_SIZE - 1] = reset
+        self._message[-_GAP_SIZE:] = _milliseconds(since_gap)
         return self._message.tobytes()
 
 
@@ -184,6 +191,7 @@ def decode_torque_estimate(payload: bytes | memoryview) -> TorqueEstimate:
         reader.string("model"),
         reader.flag("fallback"),
         reader.flag("reset"),
+        1e-3 * int.from_bytes(reader.later(_GAP_SIZE), "little") or math.nan,
     )
     reader.end()
     check_lengths(
@@ -195,6 +203,14 @@ def decode_torque_estimate(payload: bytes | memoryview) -> TorqueEstimate:
         outside=estimate.outside.size,
     )
     return estimate
+
+
+def _milliseconds(since_gap: float) -> bytes:
+    """Return a time [s] as whole milliseconds, from 1 to 4.6 hours; 0 where unknown."""
+    if math.isnan(since_gap):
+        return bytes(_GAP_SIZE)
+    count = min(max(round(1e3 * since_gap), 1), _LONGEST_GAP)
+    return count.to_bytes(_GAP_SIZE, "little")
 
 
 @lru_cache(maxsize=64)

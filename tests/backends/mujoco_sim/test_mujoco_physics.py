@@ -122,6 +122,17 @@ def test_each_effect_is_felt_as_predicted(effect, exploration):
     assert missing[3] > 0.1
 
 
+def test_friction_is_sensed_at_the_time_of_its_sample(exploration):
+    """That of half a step later is 0.013 N m off here, over steps of 4 ms."""
+    still, worn = iiwa(), iiwa(ViscousFriction(joint=4, f_v=50.0))
+    runs = [play(arm, exploration[::4], period=4e-3) for arm in (still, worn)]
+    errors = [
+        rms(run.true_torque - arm.predict(run.true_motion))[3]
+        for run, arm in zip(runs, (still, worn), strict=True)
+    ]
+    assert errors[1] == pytest.approx(errors[0], abs=1e-5)
+
+
 @sampled(
     "effect",
     [

@@ -20,6 +20,7 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
     mounted_otherwise,
 )
 from limo_driver.model.descriptions.geometry import Inertial
+from limo_driver.runtime.display import shortened
 from limo_driver.types import FloatArray, Motion
 
 if TYPE_CHECKING:
@@ -97,10 +98,11 @@ class GravityJudgement:
         else:
             shown = self.lightest < _HEAVIEST
             tool = f"a tool of {self.lightest:.2g} kg more or less" if shown else "no tool at all"
+            few = f", and not {shortened(self.unseen, 3)}" if self.unseen else ""
             found.add(
                 "gravity",
                 f"torques in {len(self.poses)} pose{'s' * (len(self.poses) > 1)} are gravity "
-                f"within {share:.0%} of the limits; {tool} would have shown",
+                f"within {share:.0%} of the limits; {tool} would have shown{few}",
                 problem=False,
             )
 

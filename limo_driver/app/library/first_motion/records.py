@@ -138,8 +138,8 @@ class Folder:
         if record is None:
             return f"{name} was skipped: there is no {self.file(step, '.json').name}"
         if record["verdict"] != PASSED:
-            first = next((f["text"] for f in record["findings"] if f["problem"]), "")
-            return f"{name} failed: {first}" if first else f"{name} failed"
+            problems = "; ".join(f["text"] for f in record["findings"] if f["problem"])
+            return f"{name} failed: {problems}" if problems else f"{name} failed"
         if record["description"] != identity.description:
             return (
                 f"{name} was done with another description of the arm ({record['robot']}, "

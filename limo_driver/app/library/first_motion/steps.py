@@ -17,7 +17,13 @@ import numpy as np
 
 from limo_driver.app.library.first_motion import watching
 from limo_driver.app.library.first_motion.arms import LINK_SECONDS, RealArm
-from limo_driver.app.library.first_motion.gravity import NO_TORQUE, TOLERANCE, judge_gravity
+from limo_driver.app.library.first_motion.gravity import (
+    NO_TORQUE,
+    TOLERANCE,
+    GravityJudgement,
+    StillPose,
+    judge_gravity,
+)
 from limo_driver.app.library.first_motion.motions import (
     JOINT_BEHIND,
     MOST_BEHIND,
@@ -302,12 +308,18 @@ class _Step:
         moving = np.ptp(motion.position, axis=0) > 0
         behind = JOINT_BEHIND if step == "one-joint" else MOST_BEHIND
         self.about = {"motion": file.name, "behind": behind}
+        start = motion.position[0]
+
+        def judge(pose: StillPose) -> GravityJudgement:
+            return judge_gravity(model, [pose], self._tolerance)
+
+        if self._arm.torque_needs_power:
+            judge(StillPose(start, 0.0 * start))  # compiles, which would hold up who holds the arm
         with self._arm.open() as robot:
-            start = motion.position[0]
             watchman = Watchman(model, start, moving, lambda: robot.setpoint, behind)
             record = self._folder.file(step, ".parquet")
             if self._arm.torque_needs_power:
-                held = judge_gravity(model, [watching.hold_still(robot, start)], self._tolerance)
+                held = watching.hold_judged(robot, start, judge)
                 held.judge(found, self._settings.tolerance)
             if not found.healthy:
                 return

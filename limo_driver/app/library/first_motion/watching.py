@@ -9,9 +9,10 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from limo_driver.app.library.first_motion.gravity import StillPose
 from limo_driver.errors import BackendError, CycleTimeoutError
 from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.robot.robot import READY_TIMEOUT, Robot
-from limo_driver.robot.safety import COMPLIANT_TIMEOUT, STALE_TIMEOUT
+from limo_driver.robot.safety import COMPLIANT_TIMEOUT, LONGEST_VALIDITY, STALE_TIMEOUT
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.types import FloatArray, JointCommand, JointState, PositionCommand
@@ -32,6 +33,7 @@ REST: Final = 2e-3  # [rad] by which a joint at rest may be measured elsewhere m
 BEYOND: Final = 0.01  # [rad] beyond a limit that a joint may be measured, by its encoder's zero
 HELD: Final = 1.0  # [s] for which an arm is held; the second half counts
 STILL: Final = ("position", "torque")
+_Judged = TypeVar("_Judged")
 GAP_CYCLES: Final = 3  # lost in a row, from which on it is an interruption, if it takes 10 ms
 
 
@@ -158,14 +160,15 @@ class Watch:
             self.odd.setdefault(
                 ("speed", j + 1),
                 f"joint {j + 1} was measured at {state.velocity[j]:.3g} rad/s, above its limit of "
-                f"{limits.velocity[j]:.3g} rad/s, while nobody commanded it: an encoder that "
-                "jumps, or another unit",
+                f"{limits.velocity[j]:.3g} rad/s, while nobody commanded it: a quick hand, an "
+                "encoder that jumps, or another unit",
             )
         for j in np.flatnonzero(strong).tolist():
             self.odd.setdefault(
                 ("torque", j + 1),
                 f"joint {j + 1} was measured at {state.torque[j]:.3g} N m, above its limit of "
-                f"{limits.torque[j]:.3g} N m: another unit, or a sensor that is broken",
+                f"{limits.torque[j]:.3g} N m: another unit, joints that are exchanged, "
+                "or a sensor that is broken",
             )
 
     def judge(self, found: Examination) -> None:
@@ -215,6 +218,29 @@ class Watch:
             f"for up to {1e3 * longest.length:.0f} ms ({self.lost} of {all_} lost): a loose cable "
             "or plug, seat it and relieve its strain"
         )
+
+
+def hold_judged(
+    robot: Robot, position: FloatArray, judge: Callable[[StillPose], _Judged]
+) -> _Judged:
+    """Hold an arm still, and go on while a thread judges what that takes; return its judgement.
+
+    Drives that hear nothing meanwhile would stop, and a motion that follows were refused.
+
+    Raises:
+        JointLimitError: As `hold_still`.
+        BackendError: Likewise.
+    """
+    pose, hold = (
+        hold_still(robot, position),
+        PositionCommand(position=position, valid_for=LONGEST_VALIDITY),
+    )
+    with ThreadPoolExecutor(1) as apart:
+        judged = apart.submit(judge, pose)
+        while not judged.done():
+            robot.send(hold)
+            robot.receive()
+    return judged.result()
 
 
 def hold_still(robot: Robot, position: FloatArray) -> StillPose:

@@ -42,6 +42,8 @@ def test_is_unknown_after_a_gap_until_memory_is_full_and_joints_have_turned(
     feed(service, [*sent[:200], *sent[300:]])
     assert not np.isnan(kept.known_of[199].torque).any()
     assert kept.known_of[200].since_gap == 0.0
+    assert kept.estimates[200].reset
+    assert kept.estimates[200].since_gap == 1e-3
     after = kept.known_of[200:]
     first = next(news for news in after if not np.isnan(news.torque).all())
     assert first.since_gap >= 2.0 * DELAY
@@ -67,6 +69,8 @@ def test_stays_known_through_a_swap_and_says_who_estimates(rigid, learned, motio
     assert [news.model for news in kept.known_of] == ["1"] * 200 + ["2"] * (len(sent) - 200)
     assert not np.isnan(torque(kept)[190:]).any()
     assert np.diff([news.since_gap for news in kept.known_of]) == pytest.approx(0.01)
+    told = [estimate.since_gap for estimate in kept.estimates]
+    assert told[1:] == pytest.approx([news.since_gap for news in kept.known_of][1:], abs=1e-3)
 
 
 def test_is_unknown_of_physics_whose_errors_nobody_knows(rigid, motion) -> None:

@@ -24,6 +24,7 @@ from limo_driver.network.messages import (
     decode_torque_estimate,
     relabelled,
 )
+from limo_driver.network.messages.cdr import CdrReader
 
 STAMP = 1_500_000_002
 TWO = (np.array([1.0, -2.0]), np.array([0.5, 0.0]), np.array([3.0, 4.0]))
@@ -51,6 +52,7 @@ ESTIMATE = HEADER + bytes.fromhex(
     "02000000 00000000 0000000000000840 0000000000001040"
     "02000000 0001 0000"  # False, True, padding
     "03000000 763300 00 01"  # "v3"; fallback False, reset True
+    "c40900"  # 2500 ms since memory began anew
 )
 LOG = (
     bytes.fromhex(
@@ -88,7 +90,8 @@ def offset_of_refusal(decode, data):
 
 
 def estimate_of(codec):
-    return codec.encode(STAMP, *TWO, np.array([False, True]), model="v3", reset=True)
+    about = {"model": "v3", "reset": True, "since_gap": 2.5}
+    return codec.encode(STAMP, *TWO, np.array([False, True]), **about)
 
 
 def test_joint_state_is_these_bytes():
@@ -139,12 +142,37 @@ def test_estimate_is_these_bytes():
     estimate = decode_torque_estimate(ESTIMATE)
     assert (estimate.stamp_ns, estimate.frame_id) == (STAMP, "base")
     assert (estimate.names, estimate.model) == (("a", "bb"), "v3")
-    assert (estimate.fallback, estimate.reset) == (False, True)
+    assert (estimate.fallback, estimate.reset, estimate.since_gap) == (False, True, 2.5)
     for given_, expected in zip(
         (estimate.torque, estimate.std, estimate.external), TWO, strict=True
     ):
         np.testing.assert_array_equal(given_, expected)
     assert estimate.outside.tolist() == [False, True]
+
+
+def test_listeners_of_before_and_after_read_how_long_memory_has_gone_on_or_all_but_that():
+    before = ESTIMATE[:-3]
+    for padded in range(4):  # senders that fill up to a whole word
+        old = decode_torque_estimate(before + bytes(padded))
+        assert old.reset
+        assert np.isnan(old.since_gap)
+    reader = CdrReader(ESTIMATE)  # as those of before read it
+    reader.time("stamp"), reader.string("frame_id"), reader.strings("name")
+    for name in ("torque", "std", "external"):
+        reader.doubles(name)
+    assert reader.flags("outside").tolist() == [False, True]
+    assert reader.string("model") == "v3"
+    assert (reader.flag("fallback"), reader.flag("reset")) == (False, True)
+    reader.end()
+
+
+@pytest.mark.parametrize(
+    ("given_", "read"), [(0.0, 1e-3), (0.0104, 0.010), (1e9, 16777.215), (np.nan, np.nan)]
+)
+def test_a_gap_is_told_in_whole_milliseconds(given_, read):
+    codec = TorqueEstimateCodec(["a", "bb"])
+    payload = codec.encode(STAMP, *TWO, np.zeros(2, bool), since_gap=given_)
+    assert decode_torque_estimate(payload).since_gap == pytest.approx(read, nan_ok=True)
 
 
 def test_estimate_without_standard_deviations():
@@ -221,9 +249,9 @@ def test_attachments_are_these_bytes(attachment, literal):
             HEADER + struct.pack("<I4xdII", 1, 1.0, 0, 0),
             "lengths name 2, position 1, velocity 0, effort 0; expected one length",
         ),
-        (decode_torque_estimate, ESTIMATE[:-1], "reset needs 1 bytes, 0 are left"),
-        (decode_torque_estimate, ESTIMATE[:-1] + b"\x02", "reset has 2, expected 0 or 1"),
-        (decode_torque_estimate, ESTIMATE[:-13] + b"\x03" + ESTIMATE[-12:], "outside has 3"),
+        (decode_torque_estimate, ESTIMATE[:-4], "reset needs 1 bytes, 0 are left"),
+        (decode_torque_estimate, ESTIMATE[:-4] + b"\x02", "reset has 2, expected 0 or 1"),
+        (decode_torque_estimate, ESTIMATE[:-16] + b"\x03" + ESTIMATE[-15:], "outside has 3"),
         (decode_event, LOG[:12] + b"\x05" + LOG[13:], "level is 5, expected one of 10, 20, 30"),
         (decode_event, LOG.replace(b'{"text"', b'["text"'), "msg is no JSON object"),
         (decode_event, LOG.replace(b'"facts"', b'"fakts"'), "with text and facts"),
@@ -263,8 +291,9 @@ def test_an_estimate_written_in_place_is_that_which_is_encoded_at_once():
         outside = np.array([reset, True])
         draft.torque[:], draft.std[:], draft.external[:] = TWO
         draft.outside[:] = outside
-        expected = codec.encode(STAMP, *TWO, outside, model="v3", fallback=True, reset=reset)
-        assert draft.finished(STAMP, reset=reset).hex(" ") == expected.hex(" ")
+        about = {"reset": reset, "since_gap": 12.3 - 12.3 * reset}
+        expected = codec.encode(STAMP, *TWO, outside, model="v3", fallback=True, **about)
+        assert draft.finished(STAMP, **about).hex(" ") == expected.hex(" ")
     assert all(values.flags.aligned for values in (draft.torque, draft.std, draft.external))
 
 

@@ -80,7 +80,7 @@ def test_estimate(store, n, model):
     arrays = [random.standard_normal(n) for _ in range(3)]
     outside = random.random(n) < 0.5
     payload = TorqueEstimateCodec(NAMES[n], "base").encode(
-        STAMP, *arrays, outside, model=model, fallback=True, reset=False
+        STAMP, *arrays, outside, model=model, fallback=True, reset=False, since_gap=70.0
     )
     theirs = store.deserialize_cdr(payload, TORQUE_ESTIMATE)
     assert (theirs.header.stamp.sec, theirs.header.frame_id) == (STAMP // 10**9, "base")
@@ -97,6 +97,7 @@ def test_estimate(store, n, model):
         np.testing.assert_array_equal(estimate.external, arrays[2])
         np.testing.assert_array_equal(estimate.outside, outside)
         assert (estimate.names, estimate.model) == (NAMES[n], model)
+        assert estimate.since_gap == 70.0
     assert bytes(store.serialize_cdr(theirs, TORQUE_ESTIMATE)) == payload
 
 
