@@ -155,9 +155,6 @@ class TOLERATED:
         "larger hides delays; smaller finds delays that are the sensor")
     sensor_offset: float = setting(0.3, "noise floors", "1 sigma of the offset of a torque sensor",
         "larger hides offsets; smaller finds offsets that are the sensor")
-    held: float = setting(5e-3, "s",
-        "longest time between set-points, over which drives hold an acceleration",
-        "larger hides delays in slow logs; smaller takes what a period does for friction")
     width: float = setting(0.7, "relative", "1 sigma of the width of a smoothed sign",
         "larger hides friction laws; smaller takes widths for physics")
 

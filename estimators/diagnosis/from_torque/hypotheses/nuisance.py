@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     beside_stated,
@@ -151,7 +150,6 @@ def nuisance_of(
         *_inertias(observed, columns, stated),
         *_parameters(observed, columns, stated),
         *_sensors(observed, columns, floor),
-        *_instants(observed, columns),
         *_gains(observed, columns, stated),
     ]
     sizes = np.cumsum([0, *(part.prior.index.size for part in parts)])
@@ -342,27 +340,4 @@ def _sensors(observed: Observations, columns: ColumnTable, floor: FloatArray) ->
             own = Tolerated(f"{name} of sensor {j + 1}", unit_, 0.0, scale, (effect.name, (j,)))
             prior = Prior.free(index, np.array([deviation]))
             parts.append(_Part((own,), prior, None, np.zeros(1)))
-    return parts
-
-
-def _instants(observed: Observations, columns: ColumnTable) -> list[_Part]:
-    """Return how late the torque of acceleration comes: at most half a sampling period.
-
-    Drives hold an acceleration from one set-point to the next. A torque that is taken once a
-    period shows that of one moment in it, as M(q) q'' of half a period earlier or later; the
-    positions tell the mean of before and after. Without it, that is friction, by its speed.
-    """
-    slow = observed.slow
-    inertial = np.einsum("jik,ki->kj", observed.inertia, slow.acceleration)
-    change = np.zeros_like(inertial)
-    for rows in observed.stretches:
-        if rows.stop - rows.start > 1:
-            change[rows] = CubicSpline(slow.time[rows], inertial[rows])(slow.time[rows], 1)
-    period = np.array([min(1 / item.rate, TOLERATED.held) for item in observed.recordings])
-    change *= period[observed.recording, None]
-    parts: list[_Part] = []
-    for j in range(observed.n):
-        index = columns.add((j,), change[None, :, j, None])
-        own = Tolerated(f"instant of torque {j + 1}", "sampling periods", 0.0, 1.0)
-        parts.append(_Part((own,), Prior.free(index, np.full(1, 12**-0.5)), None, np.zeros(1)))
     return parts

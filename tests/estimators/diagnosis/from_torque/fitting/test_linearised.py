@@ -12,7 +12,6 @@ from wandering import wander
 
 from estimators.diagnosis.from_torque.fitting import linearised
 from estimators.diagnosis.from_torque.fitting.linearised import Linearised, polished
-from estimators.diagnosis.from_torque.hypotheses import nuisance
 from estimators.diagnosis.from_torque.hypotheses.catalogue import (
     derivative,
     entries_of,
@@ -355,33 +354,3 @@ def test_a_fit_turns_gravity_and_makes_it_no_stronger():
     turned = moved(effect, entries_of(effect), (0.5, 0.0, -4.0))
     assert np.linalg.norm(turned.gravity) == pytest.approx(np.hypot(3.0, 9.0))
     assert turned.gravity[0] / turned.gravity[2] == pytest.approx(0.5 / -13.0)
-
-
-def off_by(observed, found):
-    """Return how far the best sizes of friction are off where none should be, in deviations."""
-    around = Linearised.of(observed, found)
-    known = around._information.best * around._prior.deviation
-    first = around.known.index.size
-    return np.array(
-        [known[first + 2 * k] / sigma[0] for k, sigma in enumerate(around.deviations()[1])]
-    )
-
-
-def test_friction_has_an_interval_that_holds_where_torque_shows_the_end_of_each_period(
-    given, monkeypatch
-):
-    """As drives make it that hold the acceleration of a set-point until the next one."""
-    late, body, time, every = 2e-3, given.body, np.arange(60.0 * RATE) / RATE, []
-    for seed in range(12):
-        random = np.random.default_rng(seed)
-        motion = wander(time, np.array([0.4, -0.8]), random, (0.3, 1.5), (0.05, 0.2))
-        q, v, a = motion.position, motion.velocity, motion.acceleration
-        inertial = body.inverse_dynamics(q, v, a) - body.inverse_dynamics(q, v, 0.0 * a)
-        torque = given.predict(motion) - late * np.gradient(inertial, time, axis=0)
-        torque += NOISE * random.standard_normal(torque.shape)
-        every.append(Observations.of(given, [Recording.from_arrays(time, q, torque)], 10.0))
-    within = np.abs([off_by(observed, given.effects) for observed in every]) < 1.96
-    monkeypatch.setattr(nuisance, "_instants", lambda *_: [])
-    without = np.abs([off_by(observed, given.effects) for observed in every]) < 1.96
-    assert within.mean() > 0.85
-    assert without.mean() < 0.6
