@@ -202,7 +202,7 @@ class ArmService:
 
     def end_silent_contacts(self) -> None:
         """End the contacts of an arm whose states no longer come."""
-        patience = max(_SILENCE, self.model.stream.longest_step)
+        patience = max(_SILENCE, self.model.stream.longest_gap)
         with self._boundary:
             if self.watchdog.active.any() and time.monotonic() - self._came > patience:
                 self._cut_contacts_off()
@@ -231,11 +231,12 @@ class ArmService:
         now = _NANOSECONDS * (state.stamp_ns - self._origin)
         measured = bool(state.torque.size)
         gap = now - self._last
-        longest = self.model.stream.longest_step
-        if not 0 < gap <= longest or measured != self._measured:
-            why = _why_anew(gap, longest, measured=measured)
+        stream = self.model.stream
+        if not 0 < gap <= stream.longest_gap or measured != self._measured:
             self._measured = measured
-            self._restart(now, why)
+            self._restart(now, _why_anew(gap, stream.longest_gap, measured=measured))
+        elif gap > stream.longest_step:  # memory outlives it; the filter fills anew
+            self._settled = now + 2.0 * stream.delay
         self._last = now
         torque = state.torque if measured else None
         reset = now < self._settled
@@ -339,8 +340,7 @@ class ArmService:
 
     def _tell_contacts(self, now: float) -> None:
         """Say of each joint whether something leans on it, nothing does, or nobody knows."""
-        model, report = self.model, self._report
-        delay = model.stream.delay
+        model, report, delay = self.model, self._report, self.model.stream.delay
         since = tuple(self._stamp(time - delay) for time in report.since)
         about = model.version, model.physics_only, now - self._began
         state = ContactState(self._stamp(now - delay), report.joints, since, *about)

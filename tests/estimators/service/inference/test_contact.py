@@ -36,6 +36,18 @@ class TestContact:
         latest = (began["state_stamp"] - START) * 1e-9
         assert 2.0 + DELAY < latest < 2.0 + DELAY + 0.15 + 0.1
 
+    def test_goes_on_over_a_short_gap(self, rigid, learned, motion) -> None:
+        """Even of a joint that stands, and within the gap."""
+        torque, position = motion.torque.copy(), motion.position.copy()
+        position[190:, 1] = position[190, 1]
+        torque[210:400, 1] -= 8.0
+        service, kept = service_of(rigid, live(learned))
+        sent = messages(replace(motion, position=position, torque=torque))
+        feed(service, [*sent[:206], *sent[213:300], *sent[307:]])
+        assert kept.kinds == ["contact", "contact_end"]
+        _, ended = kept.events[-1]
+        assert (ended["ended_stamp"] - START) * 1e-9 == pytest.approx(4.0, abs=0.1)
+
     def test_is_none_where_the_joint_has_not_turned_since_a_gap(
         self, rigid, learned, motion
     ) -> None:
