@@ -410,7 +410,10 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
         "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
-    headings = [typeset(" ".join(heading).strip()) for heading in columns]
+    headings = [  # "torque offset", and not "torque offset offset"
+        typeset(f"{effect} {'' if effect.endswith(name) else name} {unit}".strip())
+        for effect, name, unit in columns
+    ]
     body = table(headings, _prose_rows(columns), numeric=1)
     return section(title, body, "identified", lead)
 

@@ -236,7 +236,8 @@ def _curve(found: Inspection, quantity: str, j: int, values: FloatArray, *, is_s
         unit = si_unit(quantity, is_sliding=found.proposal.model.sliding[j])
     more = [f"{key} {stated[key]:g}" for key, usual in (("sign", 1), ("zero", 0), ("factor", 1))
             if stated[key] != usual]  # fmt: skip
-    read = ", ".join([f"{part.columns[j]} [{stated['unit']}]", *more])
+    logged = [f"logged in {stated['unit']}"] if is_si and stated["unit"] != unit else []
+    read = ", ".join([part.columns[j], *logged, *more])
     joint = f"joint {joint_called(j + 1, found.mapping.joints[j])}"
     return Curve(
         joint if kind == quantity else f"{joint}, {quantity.replace('_', ' ')}",
