@@ -191,7 +191,7 @@ class Stream:
             raise ShapeError("time", time.shape, "(T,) with T at least 1")
         signals = self._signals(time.shape, position, torque)
         moved = time - self.differentiator.delay
-        gaps = np.flatnonzero(self.differentiator.breaks(np.diff(time))) + 1
+        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.longest_gap) + 1
         parts: list[LiveEstimate] = []
         for first, last in pairwise((0, *gaps, time.size)):
             rows = slice(first, last)
@@ -250,7 +250,7 @@ class Stream:
         `moved` are the times of the motion that the filter makes of them, (T,) [s].
         """
         n, line = self.n, state.signals
-        if self.differentiator.breaks(time[:1] - line.time).item():
+        if self.differentiator.gap(line, time.item(0)):
             state = self.init()
             line = state.signals
         if math.isnan(line.time):

@@ -162,7 +162,7 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
         away = np.array(compared) - centre
         least = _least(item, centre)
         unsure = least * np.sqrt(FLEET.arms / len(arms))
-        smallest = max(least, FLEET.tolerance * item.tolerance) / FLEET.odd
+        smallest = max(least, item.tolerance) / FLEET.odd
         scale = max(float(np.hypot(_NORMAL * np.median(np.abs(away)), unsure)), smallest)
         found += [
             ArmStanding(arm, item, apart / scale, _unlogged(at, item), _unlogged(centre, item))
@@ -206,7 +206,7 @@ def _least(item: Series, centre: float) -> float:
 
 def _least_change(own: Series) -> float:
     size = 1.0 if own.ratio else abs(float(np.median(own.values)))
-    return max(FLEET.least * size, FLEET.tolerance * own.tolerance, _SMALLEST)
+    return max(FLEET.least * size, own.tolerance, _SMALLEST)
 
 
 def _spread(item: Series) -> UnitSpread:

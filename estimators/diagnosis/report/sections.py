@@ -410,10 +410,8 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
         "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
-    headings = [  # "torque offset", and not "torque offset offset"
-        typeset(f"{effect} {'' if effect.endswith(name) else name} {unit}".strip())
-        for effect, name, unit in columns
-    ]
+    # "torque offset", and not "torque offset offset"
+    headings = [typeset(" ".join(dict.fromkeys(" ".join(of).split()))) for of in columns]
     body = table(headings, _prose_rows(columns), numeric=1)
     return section(title, body, "identified", lead)
 

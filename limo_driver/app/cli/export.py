@@ -127,9 +127,7 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
         }
         terminal().print_json(data=values)
     else:
-        console = terminal(soft_wrap=True)
-        for line in str(found).splitlines():
-            console.print(line)
+        terminal(soft_wrap=True).print(str(found))
 
 
 def _print_json(found: Export) -> None:

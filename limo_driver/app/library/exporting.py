@@ -171,8 +171,7 @@ def export_c(
     """
     from estimators.embedded.export import export_c as written
 
-    recordings = [recording_of(item) for item in free]
-    rate = rate or _rate_of(recordings)
+    recordings, rate = _free(free, rate)
     return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings)
 
 
@@ -212,14 +211,16 @@ def export_ros2(
     """
     from estimators.embedded.ros2_package import export_ros2 as written
 
-    recordings = [recording_of(item) for item in free]
-    rate = rate or _rate_of(recordings)
+    recordings, rate = _free(free, rate)
     return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings, frame)
 
 
-def _rate_of(free: Sequence[Recording]) -> float:
-    """Return the rate of free motion, as a loop has it, to three digits [Hz]."""
-    return float(f"{free[0].rate:.3g}") if free else 1000.0
+def _free(
+    given: Sequence[Recording | Path | str], rate: float | None
+) -> tuple[list[Recording], float]:
+    """Return free motion, and the rate [Hz]: as a loop has it, to three digits."""
+    found = [recording_of(item) for item in given]
+    return found, rate or (float(f"{found[0].rate:.3g}") if found else 1000.0)
 
 
 def export_onnx(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from itertools import chain
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
@@ -274,6 +273,6 @@ def _as_logged(table: LogTable, used: Iterable[str], *, is_own: bool = False) ->
 
 
 def _not_drawn(table: LogTable, drawn: list[Curve]) -> Iterator[str]:
-    every = (f"not drawn: {name} holds {held}" for name, held in table.unread.items())
-    more = [curve.column for curve in drawn[_MOST:]]
-    yield from chain(every, [f"not drawn: {len(more)} more columns"] if more else [])
+    yield from (f"not drawn: {name} holds {held}" for name, held in table.unread.items())
+    if more := len(drawn[_MOST:]):
+        yield f"not drawn: {more} more columns"

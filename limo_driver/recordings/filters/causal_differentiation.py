@@ -25,7 +25,6 @@ from math import factorial
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, RecordingError, ShapeError
 from limo_driver.recordings.filters.differentiation import HIGHEST_BANDWIDTH, impulse_responses
@@ -84,13 +83,13 @@ class CausalFilter:
         """Return the memory of n signals before their first samples."""
         return DelayLine(np.nan, np.zeros((n, self.taps.shape[1])))
 
-    def breaks(self, steps: FloatArray) -> NDArray[np.bool_]:
-        """Say after which steps of time [s] memory has to start anew; not before the first, NaN.
+    def gap(self, memory: DelayLine, time: float) -> bool:
+        """Say whether `time` [s] is so far from the last that memory has to start anew.
 
         Also backwards: a clock was set back, or the last time was wrong, and no later one could
         follow it any more. What is a little late is refused by `filter`.
         """
-        return (steps > self.longest_gap) | (steps < -self.longest_step)
+        return abs(time - memory.time) > self.longest_gap  # not before the first: its time is NaN
 
     def filter(
         self, memory: DelayLine, time: FloatArray, signals: FloatArray
