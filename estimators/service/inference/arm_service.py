@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.embedded.contact import TURNED
-from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
+from estimators.service.inference.contact import SURE, Contact, ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
 from estimators.slow_change import ChangeWatch
 from limo_driver.errors import LimoError, WireFormatError
@@ -95,8 +95,7 @@ class ArmService:
         self._origin: int | None = None  # [ns], stamp of the first state
         self._last = np.nan  # [s], of the last state
         self._measured = False  # torque comes with the states
-        self._settled = np.inf  # [s], when the memory that began anew will be full
-        self._began = np.nan  # [s], when memory began anew
+        self._settled, self._began = np.inf, np.nan  # [s], when the filter is full, memory began
         self._report = ContactReport(watchdog)
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
@@ -249,10 +248,13 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        felt = np.where(answer.outside, np.nan, answer.external)  # as in exported C, `limo_step`
+        unsure = np.where(answer.outside, SURE * answer.std, 0.0)  # unlike what was learned
+        unsure[self._unturned] = np.nan  # nobody knows how friction stands
+        felt = answer.external - np.clip(answer.external, -unsure, unsure)
         for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
-        if self._report.step(now, felt, answer.std, known=known):
+        inside = np.where(answer.outside, np.nan, answer.external)
+        if self._report.step(now, inside, answer.std, known=known):
             self._tell_contacts(now)
             free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
@@ -343,8 +345,7 @@ class ArmService:
         model, report, delay = self.model, self._report, self.model.stream.delay
         since = tuple(self._stamp(time - delay) for time in report.since)
         about = model.version, model.physics_only, now - self._began
-        state = ContactState(self._stamp(now - delay), report.joints, since, *about)
-        self._outlet.contact(state)
+        self._outlet.contact(ContactState(self._stamp(now - delay), report.joints, since, *about))
 
     def _stamp(self, time: float) -> int:
         """Return the Unix time [ns] of a time of the stream [s]."""
