@@ -248,8 +248,7 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        unsure = np.where(answer.outside, SURE * answer.std, 0.0)  # unlike what was learned
-        unsure[self._unturned] = np.nan  # nobody knows how friction stands
+        unsure = np.where(self._unturned, np.nan, np.where(answer.outside, SURE * answer.std, 0.0))
         felt = answer.external - np.clip(answer.external, -unsure, unsure)
         for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
