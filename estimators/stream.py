@@ -115,6 +115,7 @@ class Stream:
         self.samples = self.differentiator.samples + after  # by which a torque is late
         self.delay = self.samples / self.rate  # [s], likewise
         self.longest_step = self.differentiator.longest_step  # [s], that is no gap yet
+        self.longest_gap = self.differentiator.longest_gap  # [s], that memory outlives
         self.init()  # refuses a model that is not ready
 
     def remembers_like(self, other: Stream) -> bool:
@@ -190,7 +191,7 @@ class Stream:
             raise ShapeError("time", time.shape, "(T,) with T at least 1")
         signals = self._signals(time.shape, position, torque)
         moved = time - self.differentiator.delay
-        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.longest_step) + 1
+        gaps = np.flatnonzero(np.abs(np.diff(time)) > self.longest_gap) + 1
         parts: list[LiveEstimate] = []
         for first, last in pairwise((0, *gaps, time.size)):
             rows = slice(first, last)

@@ -1,6 +1,7 @@
 """Concealed fleets of an arm that a MuJoCo file states: which arms are named, and for what.
 
-    python benchmarks/fleet/many_fleets.py [--fleets 10] [--arms 20] [--dates 8] [--seconds 10]
+    python benchmarks/fleet/many_fleets.py [--fleets 10] [--first 0] [--arms 20] [--dates 8]
+        [--seconds 10] [--keep FOLDER]
 
 Torques are MuJoCo's own inverse dynamics, with friction that shares no code with limo. Units differ
 by 5 % in each friction. Of each fleet three arms are odd and two drift, in what `draw` draws. Bars:
@@ -168,6 +169,7 @@ def main() -> None:
     """Print each fleet, and the sums."""
     given = argparse.ArgumentParser(description=__doc__)
     given.add_argument("--fleets", type=int, default=10)
+    given.add_argument("--first", type=int, default=0, help="seed")
     given.add_argument("--arms", type=int, default=20)
     given.add_argument("--dates", type=int, default=8)
     given.add_argument("--seconds", type=float, default=10.0)
@@ -175,7 +177,7 @@ def main() -> None:
     asked = given.parse_args()
     sums = np.zeros(3, dtype=int)
     with nullcontext(asked.keep) if asked.keep else tempfile.TemporaryDirectory() as name:
-        for seed in range(asked.fleets):
+        for seed in range(asked.first, asked.first + asked.fleets):
             folder = Path(name) / f"fleet_{seed}"
             folder.mkdir(parents=True, exist_ok=True)
             peculiar = make(folder, seed, asked.arms, asked.dates, asked.seconds)

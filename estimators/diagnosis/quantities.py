@@ -68,7 +68,7 @@ def several(values: object) -> str:
     """Return numbers of a parameter that has more than one."""
     if isinstance(values, (tuple, list)):
         return f"({', '.join(map(several, values))})"
-    return f"{values:.3g}" if isinstance(values, float) else str(values)
+    return f"{values * (abs(values) > TINY):.3g}" if isinstance(values, float) else str(values)
 
 
 def unit_of(unit: str) -> str:

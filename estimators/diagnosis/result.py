@@ -51,15 +51,15 @@ def lines_of(verdict: Verdict) -> list[str]:
 
 
 def _values(verdict: Verdict) -> list[str]:
-    """Return the table of stated values that moved; nothing where none did."""
-    columns = value_columns(verdict)
-    if not columns["value"]:
-        return []
-    cells = [[heading, *texts] for heading, texts in columns.items()]
-    widths = [max(map(len, column)) for column in cells]
-    rows = zip(*cells, strict=True)
-    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
-    return ["", "stated values that moved, and by how many tolerances", *lines]
+    """Return the stated values that moved, a line each: a table is wider than a terminal."""
+    lines = [
+        f"{value}{' of joint' * bool(joint)} {joint}: {stated} → {fits}; {share} of the joint's "
+        f"error, {tolerance}".rstrip(", ")
+        for value, joint, stated, fits, share, tolerance in zip(
+            *value_columns(verdict).values(), strict=True
+        )
+    ]
+    return ["", "stated values that moved, and by how many tolerances", *lines] if lines else []
 
 
 def identified_columns(verdict: Verdict) -> dict[tuple[str, str, str], list[str]]:

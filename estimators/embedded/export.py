@@ -230,6 +230,7 @@ class _Code:
             "FILTERS": filtering.taps.shape[0],
             "POSES": 2 + 2 * n if joint_physics else 2,
             "LONGEST_STEP": float(filtering.longest_step),
+            "LONGEST_GAP": float(filtering.longest_gap),
             "LARGEST": LARGEST,
             "LEARNS_JOINT_PHYSICS": int(joint_physics),
             "LEARNS_BY_NETWORK": int("network.c" in self.learned.sources),

@@ -86,8 +86,8 @@ def fleet_page(fleet: FleetDiagnosis, folder: Path) -> Page:
     title = fleet.headline
     lead = (
         "An arm is odd where its median is more than "
-        f"{FLEET.odd:g} robust standard deviations from that of the arms, in which a difference of "
-        f"{FLEET.least:.0%} counts as one at least; z is how many. "
+        f"{FLEET.odd:g} robust standard deviations from that of the arms, and by more than "
+        f"{FLEET.least:.0%}; z is how many deviations. "
         "Arms are the folders that recordings lie in."
     )
     body = (

@@ -81,7 +81,6 @@ class FleetSettings:
     arms: int = 4  # fewest among which one can be odd
     odd: float = 5.0  # robust standard deviations from the median arm
     least: float = 0.1  # relative difference or change below which nothing is said
-    tolerance: float = 1.0  # times the tolerance of a value: likewise
     share: float = 0.5  # of an arm's recordings, that have to show a value of it
     dates: int = 6  # fewest recordings with a date of which a trend is taken
     known_dates: int = 4  # likewise, of values whose intervals are known

@@ -142,7 +142,8 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
     """Return how far each arm is from the others in each series, farthest first.
 
     The scale is the median absolute deviation of the arms' medians, with the least difference
-    that matters, so that arms that agree closely do not make a small difference a large one. What
+    that matters, which counts less the more arms say how units differ. A difference below that,
+    or the value's tolerance, makes no arm odd, however closely the others agree. What
     drifts at an arm is said there, and does not make it odd, too. A value that only a few
     recordings of an arm tell is theirs and not the arm's.
 
@@ -159,8 +160,10 @@ def standings_of(series: Sequence[Series], drifts: Sequence[FleetDrift]) -> tupl
         compared = [float(np.median(item.of(arm).compared())) for arm in arms]
         centre = float(np.median(compared))
         away = np.array(compared) - centre
-        least = max(_least(item, centre), FLEET.tolerance * item.tolerance / FLEET.odd)
-        scale = float(np.hypot(_NORMAL * np.median(np.abs(away)), least))
+        least = _least(item, centre)
+        unsure = least * np.sqrt(FLEET.arms / len(arms))
+        smallest = max(least, item.tolerance) / FLEET.odd
+        scale = max(float(np.hypot(_NORMAL * np.median(np.abs(away)), unsure)), smallest)
         found += [
             ArmStanding(arm, item, apart / scale, _unlogged(at, item), _unlogged(centre, item))
             for arm, at, apart in zip(arms, compared, away, strict=True)
@@ -203,7 +206,7 @@ def _least(item: Series, centre: float) -> float:
 
 def _least_change(own: Series) -> float:
     size = 1.0 if own.ratio else abs(float(np.median(own.values)))
-    return max(FLEET.least * size, FLEET.tolerance * own.tolerance, _SMALLEST)
+    return max(FLEET.least * size, own.tolerance, _SMALLEST)
 
 
 def _spread(item: Series) -> UnitSpread:

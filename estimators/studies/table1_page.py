@@ -326,7 +326,9 @@ def _errors(found: Table, part: str) -> Chart:
         marks = _marks(means, names, SPLIT_WORDS[split], colour, symbol)
         data.append(marks | {"error_x": {"type": "data", "array": numbers(spreads)}})
     if found.beside_paper:
-        data.append(_marks(_paper(part), names, "the paper", FLOOR, "diamond-open"))
+        paper = paper_table()  # which lacks some rows
+        means = np.array([paper.get((part, row.name), (np.nan,))[-1] for row in ALL_ROWS])
+        data.append(_marks(means, names, "the paper", FLOOR, "diamond-open"))
     axes = layout("MSE [(N m)²], logarithmic", "")
     axes["xaxis"] |= {"type": "log"}
     axes["yaxis"] |= {"autorange": "reversed"}
@@ -338,12 +340,6 @@ def _errors(found: Table, part: str) -> Chart:
             {"type": "line", "x0": at, "x1": at, "y0": 0, "y1": 1, "yref": "paper", "line": line}
         ]
     return {"data": data, "layout": axes, "rows": len(names)}
-
-
-def _paper(part: str) -> np.ndarray:
-    """Return the paper's averages; NaN for rows that it lacks."""
-    found = paper_table()
-    return np.array([found.get((part, row.name), (np.nan,))[-1] for row in ALL_ROWS])
 
 
 def _marks(values: np.ndarray, names: list[str], name: str, colour: str, symbol: str) -> Chart:

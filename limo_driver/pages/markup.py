@@ -48,7 +48,8 @@ class Charts:
         self.figures.append(figure)
         cursor = " data-cursor" if follows else ""
         high = _AXIS + _ROW * figure["rows"] if "rows" in figure else _HIGH
-        heading = f"<figcaption>{escape(caption)}{_small(note)}</figcaption>"
+        small = f" <small>{escape(note)}</small>" if note else ""
+        heading = f"<figcaption>{escape(caption)}{small}</figcaption>"
         return (
             f'<figure>{heading}<div class="chart"{cursor} role="img" '
             f'aria-label="{escape(caption)}" '
@@ -221,7 +222,3 @@ def _cell(value: object) -> str:
     if value is None:
         return UNSAID
     return significant(value) if isinstance(value, float) else escape(typeset(str(value)))
-
-
-def _small(text: str) -> str:
-    return f" <small>{escape(text)}</small>" if text else ""

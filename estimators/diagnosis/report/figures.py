@@ -169,7 +169,8 @@ def loops(traces: Traces, j: int, stretch: Stretch) -> tuple[Figure, Figure]:
 
 
 def _beyond_body(traces: Traces, j: int, stretch: Stretch, x: FloatArray, label: str) -> Figure:
-    rows, load = _thin(stretch.rows), traces.load[:, j]
+    all_of, load = stretch.rows, traces.load[:, j]
+    rows = slice(all_of.start, all_of.stop, max(1, (all_of.stop - all_of.start) // DRAWN))
     data = [
         drawn
         for name, torque, colour, width in _torques(traces, j, tuple(_SIDES))
@@ -298,10 +299,6 @@ def _torques(
         ("measured", traces.measured[:, j], MEASURED, WIDE),
         *((name, torque, colour, NARROW) for (name, colour), torque in simulated),
     ]
-
-
-def _thin(rows: slice) -> slice:
-    return slice(rows.start, rows.stop, max(1, (rows.stop - rows.start) // DRAWN))
 
 
 def _end_to_end(traces: Traces) -> FloatArray:

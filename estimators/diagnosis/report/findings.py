@@ -231,7 +231,7 @@ def _of_floor(ratio: float) -> str:
     return "at the floor" if ratio <= WORDING.at_floor else f"{ratio:.1f} times"
 
 
-_RATIO = "improved, beside the floor"
+_RATIO = "improved, over the floor"
 _PLAIN = {"rows judged": percent, _RATIO: _of_floor}  # columns without a unit
 
 

@@ -220,7 +220,7 @@ def competing(diagnosis: DiagnosisResult, charts: Charts) -> str:
     others = [item for item in best if item not in twins]
     listed = folded(f"All {len(rows)} explanations", table(headings, rows))
     lead = (
-        f"Sets of effects that were tried. {_closest(others, chosen, diagnosis.verdict.names)}"
+        f"Sets of effects that were tried. {_closest(others, chosen)}"
         "These recordings cannot tell apart what is within odds of "
         f"{np.exp(CONTRIBUTION.tellable):.0f} to 1."
     )
@@ -244,15 +244,15 @@ def _looks_like(item: Explanation, chosen: Explanation, findings: Sequence[Findi
     return len(own) == len(other) == 1 and item.joints == chosen.joints and other <= same
 
 
-def _closest(tried: Sequence[Explanation], chosen: Explanation, names: Sequence[str]) -> str:
+def _closest(tried: Sequence[Explanation], chosen: Explanation) -> str:
     """Say which explanation comes closest to the chosen one."""
     others = [item for item in tried if item is not chosen]
     less = [item for item in others if item.log_evidence <= chosen.log_evidence]
-    sentences = f"Chosen: {_name(chosen, names)}. "
+    sentences = ""
     if less:
         best = max(less, key=lambda item: item.log_evidence)
         lead = _compared_to(best.log_evidence - chosen.log_evidence)
-        sentences += f"Of those less likely, the nearest, {_name(best, names)}, is {lead}. "
+        sentences = f"The nearest of those less likely ({_against(best, chosen)}) is {lead}. "
     why = Counter(item.note for item in others if item.note and item not in less)
     if why:
         reasons = "; ".join(f"{note}: {many}" for note, many in why.items())
@@ -410,7 +410,8 @@ def identified(verdict: Verdict, lead: str = "", title: str = "Identified fricti
         "recordings tell, estimated together with everything else; with 95\N{NO-BREAK SPACE}% "
         "intervals. What most of them have is ordinary; what is unlike its siblings is a finding."
     )
-    headings = [typeset(" ".join(heading).strip()) for heading in columns]
+    # "torque offset", and not "torque offset offset"
+    headings = [typeset(" ".join(dict.fromkeys(" ".join(of).split()))) for of in columns]
     body = table(headings, _prose_rows(columns), numeric=1)
     return section(title, body, "identified", lead)
 

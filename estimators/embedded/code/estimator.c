@@ -289,8 +289,8 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     if (!isfinite(time) || !all_finite(position) || (torque && !all_finite(torque))) {
         return LIMO_NOT_FINITE;
     }
-    /* Far ahead is a gap. Far back, a clock was set back, or the last time was wrong. */
-    if (state->received && fabs(time - state->time) > LONGEST_STEP) {
+    /* Far ahead is a long gap. Far back, a clock was set back, or the last time was wrong. */
+    if (state->received && fabs(time - state->time) > LONGEST_GAP) {
         limo_init(state);
     }
     if (state->received && !(time > state->time)) {
@@ -306,9 +306,11 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     const bool first = !state->received;
     const double lost = first ? 0.0 : fmax(rint((time - state->time) * LIMO_RATE), 1.0) - 1.0;
     receive(state->line[0], &state->oldest, TAPS, 2 * LIMO_LANES, first, lost, row);
+    /* Memory outlives a short gap; what the filter tells does not. */
+    state->received = time > state->time + LONGEST_STEP ? 0 : state->received;
+    state->received += state->received < SIZE_MAX;
     state->time = time;
     state->with_torque = torque != NULL;
-    state->received += state->received < SIZE_MAX;
     smooth(state, x, motion);
 #if LIMO_RESTS
     rest(state, x, motion);

@@ -65,7 +65,7 @@ size_t limo_size(void);
 /* Begin: before the first position, at which the arm is taken to have rested. */
 void limo_init(limo_state *state);
 
-/* Begin anew, as after a gap, which limo_step finds by itself. */
+/* Begin anew, as after a long gap, which limo_step finds by itself. */
 void limo_reset(limo_state *state);
 
 /* Take the next position [rad], and the torque [N m] measured with it, or NULL.

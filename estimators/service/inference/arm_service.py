@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.embedded.contact import TURNED
-from estimators.service.inference.contact import Contact, ContactReport, ContactWatchdog
+from estimators.service.inference.contact import SURE, Contact, ContactReport, ContactWatchdog
 from estimators.service.inference.live_model import Answer, History, LiveModel, RateWatch, Window
 from estimators.slow_change import ChangeWatch
 from limo_driver.errors import LimoError, WireFormatError
@@ -95,8 +95,7 @@ class ArmService:
         self._origin: int | None = None  # [ns], stamp of the first state
         self._last = np.nan  # [s], of the last state
         self._measured = False  # torque comes with the states
-        self._settled = np.inf  # [s], when the memory that began anew will be full
-        self._began = np.nan  # [s], when memory began anew
+        self._settled, self._began = np.inf, np.nan  # [s], when the filter is full, memory began
         self._report = ContactReport(watchdog)
         self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
         self._highest = np.full(n, -np.inf)
@@ -202,7 +201,7 @@ class ArmService:
 
     def end_silent_contacts(self) -> None:
         """End the contacts of an arm whose states no longer come."""
-        patience = max(_SILENCE, self.model.stream.longest_step)
+        patience = max(_SILENCE, self.model.stream.longest_gap)
         with self._boundary:
             if self.watchdog.active.any() and time.monotonic() - self._came > patience:
                 self._cut_contacts_off()
@@ -231,11 +230,12 @@ class ArmService:
         now = _NANOSECONDS * (state.stamp_ns - self._origin)
         measured = bool(state.torque.size)
         gap = now - self._last
-        longest = self.model.stream.longest_step
-        if not 0 < gap <= longest or measured != self._measured:
-            why = _why_anew(gap, longest, measured=measured)
+        stream = self.model.stream
+        if not 0 < gap <= stream.longest_gap or measured != self._measured:
             self._measured = measured
-            self._restart(now, why)
+            self._restart(now, _why_anew(gap, stream.longest_gap, measured=measured))
+        elif gap > stream.longest_step:  # memory outlives it; the filter fills anew
+            self._settled = now + 2.0 * stream.delay
         self._last = now
         torque = state.torque if measured else None
         reset = now < self._settled
@@ -248,10 +248,12 @@ class ArmService:
         self.latency.add(time.perf_counter() - began)
         self.age.add(_NANOSECONDS * (time.time_ns() - state.stamp_ns))
         self.history.append(now, state.position, torque)
-        felt = np.where(answer.outside, np.nan, answer.external)  # as in exported C, `limo_step`
+        unsure = np.where(self._unturned, np.nan, np.where(answer.outside, SURE * answer.std, 0.0))
+        felt = answer.external - np.clip(answer.external, -unsure, unsure)
         for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
-        if self._report.step(now, felt, answer.std, known=known):
+        inside = np.where(answer.outside, np.nan, answer.external)
+        if self._report.step(now, inside, answer.std, known=known):
             self._tell_contacts(now)
             free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
@@ -339,12 +341,10 @@ class ArmService:
 
     def _tell_contacts(self, now: float) -> None:
         """Say of each joint whether something leans on it, nothing does, or nobody knows."""
-        model, report = self.model, self._report
-        delay = model.stream.delay
+        model, report, delay = self.model, self._report, self.model.stream.delay
         since = tuple(self._stamp(time - delay) for time in report.since)
         about = model.version, model.physics_only, now - self._began
-        state = ContactState(self._stamp(now - delay), report.joints, since, *about)
-        self._outlet.contact(state)
+        self._outlet.contact(ContactState(self._stamp(now - delay), report.joints, since, *about))
 
     def _stamp(self, time: float) -> int:
         """Return the Unix time [ns] of a time of the stream [s]."""

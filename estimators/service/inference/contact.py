@@ -15,7 +15,7 @@ from limo_driver.types import FloatArray
 
 REPORT_PERIOD: Final = 0.1  # [s] of states, after which a report is due again, changed or not
 _ROUNDING: Final = 1e-6  # [s], of stamps
-_SURE: Final = 2.0  # standard deviations that have to fit below a threshold
+SURE: Final = 2.0  # standard deviations that have to fit below a threshold, or an external torque
 _TOUCHES: Final = (Touch.FREE, Touch.CONTACT, Touch.UNKNOWN)
 _UNKNOWN: Final = 2  # of these
 MARGIN: Final = 1.0  # [s] before and after a contact, in which something may lean on the arm
@@ -192,7 +192,7 @@ def _touch(
         now = _UNKNOWN
         if known and active[j]:
             now = 1
-        elif known and _SURE * std[j] < threshold[j] and np.isfinite(external[j]):
+        elif known and SURE * std[j] < threshold[j] and np.isfinite(external[j]):
             now = 0
         if now != touch[j] or np.isnan(since[j]):
             changed = changed or now != touch[j]

@@ -53,7 +53,7 @@ def command(
     from limo_driver.network.ros import RosTopic
     from limo_driver.network.streaming import Keys
 
-    keys, model = Keys(arm), RobotModel.load(robot)
+    keys, model, warn = Keys(arm), RobotModel.load(robot), partial(say, stderr=True)
     published = topics(keys.root if namespace is None else namespace, ros_domain)
     source = None if states is None else RosTopic(states, ros_domain)
     if network.config is not None:

@@ -26,7 +26,7 @@ def command(
     out: Path,
     into: Path | None = None,
     on: Path | None = None,
-    rate: float = 1000.0,
+    rate: float | None = None,
     delay: float = 0.1,
     false_alarms: float = 1.0,
     free: list[Path] | None = None,
@@ -60,7 +60,7 @@ def command(
         out: Folder for the copy, or the copy (.xml, .urdf); for C, ROS 2 and ONNX a folder.
         into: File to write into a copy of; the robot's own if not given.
         on: Log of motion on which what cannot be expressed is counted.
-        rate: C: rate of the positions [Hz].
+        rate: C: rate of the positions [Hz]; that of --free, else 1000.
         delay: C: by which estimates are late [s].
         false_alarms: C: false alarms of contact that are bearable [1/h].
         free: C: log of motion that nothing touched, which contact needs; several times.
@@ -127,9 +127,7 @@ def _show_code(found: CodeExport, *, as_json: bool) -> None:
         }
         terminal().print_json(data=values)
     else:
-        console = terminal(soft_wrap=True)
-        for line in str(found).splitlines():
-            console.print(line)
+        terminal(soft_wrap=True).print(str(found))
 
 
 def _print_json(found: Export) -> None:

@@ -135,7 +135,7 @@ def _bare(simulation: Simulation, to: str) -> str:
 def export_c(
     model: ResidualModel[Any] | Simulation | Path | str,
     out: Path | str,
-    rate: float = 1000.0,
+    rate: float | None = None,
     delay: float = 0.1,
     false_alarms: float = 1.0,
     name: str = "limo",
@@ -150,7 +150,7 @@ def export_c(
     Args:
         model: A fitted model or a simulation, or the folder of one or the sim.yaml of the other.
         out: Folder for `<name>.h` and `<name>.c`.
-        rate: Of the positions that the code will be given [Hz].
+        rate: Of the positions that the code will be given [Hz]; that of `free`, else 1000.
         delay: By which its estimates are late [s], see `Stream`.
         false_alarms: Of contact on the whole arm, that are bearable [1/h].
         name: Of the files, and with which all names in them begin.
@@ -171,14 +171,14 @@ def export_c(
     """
     from estimators.embedded.export import export_c as written
 
-    recordings = [recording_of(item) for item in free]
+    recordings, rate = _free(free, rate)
     return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings)
 
 
 def export_ros2(
     model: ResidualModel[Any] | Simulation | Path | str,
     out: Path | str,
-    rate: float = 1000.0,
+    rate: float | None = None,
     delay: float = 0.1,
     false_alarms: float = 1.0,
     name: str = "limo",
@@ -193,7 +193,7 @@ def export_ros2(
     Args:
         model: A fitted model or a simulation, or the folder of one or the sim.yaml of the other.
         out: Folder of the package, for example `ws/src/limo_dynamics`.
-        rate: Of the controller manager [Hz].
+        rate: Of the controller manager [Hz]; likewise.
         delay: By which estimates and wrenches are late [s].
         false_alarms: Of contact on the whole arm, that are bearable [1/h].
         name: With which all names begin; the package is `<name>_dynamics`.
@@ -211,8 +211,16 @@ def export_ros2(
     """
     from estimators.embedded.ros2_package import export_ros2 as written
 
-    recordings = [recording_of(item) for item in free]
+    recordings, rate = _free(free, rate)
     return written(estimator_of(model)[0], out, rate, delay, false_alarms, name, recordings, frame)
+
+
+def _free(
+    given: Sequence[Recording | Path | str], rate: float | None
+) -> tuple[list[Recording], float]:
+    """Return free motion, and the rate [Hz]: as a loop has it, to three digits."""
+    found = [recording_of(item) for item in given]
+    return found, rate or (float(f"{found[0].rate:.3g}") if found else 1000.0)
 
 
 def export_onnx(

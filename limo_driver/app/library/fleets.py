@@ -169,13 +169,16 @@ class FleetJob:
         Returns:
             How it ended; or, if it was the machine or limo itself that failed, why.
         """
-        from estimators.studies.fleet_row import FleetOutcome
+        from estimators.studies.fleet_row import FleetOutcome, outcome_of
+        from limo_driver.app.library.diagnosing import diagnose
 
         start = perf_counter()
-        return attempted(
-            lambda: self._diagnosed(row, start),
-            lambda line: FleetOutcome(perf_counter() - start, line),
-        )
+
+        def diagnosed() -> FleetOutcome:
+            found = diagnose(self.simulation, self._read(row), bandwidth=self.bandwidth)
+            return outcome_of(found, perf_counter() - start)
+
+        return attempted(diagnosed, lambda line: FleetOutcome(perf_counter() - start, line))
 
     def memory_of(self, row: FleetRow) -> float:
         """Return how much memory a diagnosis takes at most [bytes], by its recording's size."""
@@ -190,13 +193,6 @@ class FleetJob:
             lambda: self._read(row), lambda line: FleetOutcome(perf_counter() - start, line)
         )
         return found if isinstance(found, FleetOutcome) else None
-
-    def _diagnosed(self, row: FleetRow, start: float) -> FleetOutcome:
-        from estimators.studies.fleet_row import outcome_of
-        from limo_driver.app.library.diagnosing import diagnose
-
-        found = diagnose(self.simulation, self._read(row), bandwidth=self.bandwidth)
-        return outcome_of(found, perf_counter() - start)
 
     def _read(self, row: FleetRow) -> Recording:
         from limo_driver.app.library.reading import read

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import replace
-from itertools import chain
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Final
 
@@ -236,7 +235,8 @@ def _curve(found: Inspection, quantity: str, j: int, values: FloatArray, *, is_s
         unit = si_unit(quantity, is_sliding=found.proposal.model.sliding[j])
     more = [f"{key} {stated[key]:g}" for key, usual in (("sign", 1), ("zero", 0), ("factor", 1))
             if stated[key] != usual]  # fmt: skip
-    read = ", ".join([f"{part.columns[j]} [{stated['unit']}]", *more])
+    logged = [f"logged in {stated['unit']}"] if is_si and stated["unit"] != unit else []
+    read = ", ".join([part.columns[j], *logged, *more])
     joint = f"joint {joint_called(j + 1, found.mapping.joints[j])}"
     return Curve(
         joint if kind == quantity else f"{joint}, {quantity.replace('_', ' ')}",
@@ -273,6 +273,6 @@ def _as_logged(table: LogTable, used: Iterable[str], *, is_own: bool = False) ->
 
 
 def _not_drawn(table: LogTable, drawn: list[Curve]) -> Iterator[str]:
-    every = (f"not drawn: {name} holds {held}" for name, held in table.unread.items())
-    more = [curve.column for curve in drawn[_MOST:]]
-    yield from chain(every, [f"not drawn: {len(more)} more columns"] if more else [])
+    yield from (f"not drawn: {name} holds {held}" for name, held in table.unread.items())
+    if more := len(drawn[_MOST:]):
+        yield f"not drawn: {more} more columns"

@@ -87,7 +87,10 @@ class RerunLog(Closing):
         if "position" in shown and shown["stamp"] != self._drawn:
             self._drawn = shown["stamp"]
             self._stream.set_time("time", timestamp=self._drawn)
-            self._log_pose(np.array(shown["position"], dtype=float))
+            position = np.array(shown["position"], dtype=float)
+            for link, pose in enumerate(self._model.joint_poses(position)):
+                at = self._rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
+                self._log(self._link(link), at)
         if "torque" in shown and shown["estimate_stamp"] != self._estimated:
             self._estimated = shown["estimate_stamp"]
             self._stream.set_time("time", timestamp=self._estimated)
@@ -148,11 +151,6 @@ class RerunLog(Closing):
             for series, colour in _SERIES:
                 look = rr.SeriesLines(colors=[colour], names=[series])
                 self._log(["torque", name, series], look, static=True)
-
-    def _log_pose(self, position: FloatArray) -> None:
-        for link, pose in enumerate(self._model.joint_poses(position)):
-            at = self._rr.Transform3D(translation=pose[:3, 3], mat3x3=pose[:3, :3])
-            self._log(self._link(link), at)
 
     def _blueprint(self) -> Any:  # noqa: ANN401  # rerun's own
         """Return what stands where: the arm and events on the left, torques on the right."""

@@ -37,6 +37,7 @@ LONGEST_DELAY: Final = 5.0  # [s]; far beyond what the filter remembers at any u
 MOST_SAMPLES: Final = 25_000  # of delay, as many as that is at 5 kHz
 RATE_TOLERANCE: Final = 0.01  # of the stated rate, by which velocities would be wrong
 LARGEST: Final = 1e9  # of a value; squares of derivatives of much larger ones overflow
+LONGEST_GAP: Final = 0.2  # [s] that memory outlives; friction seldom turns over unseen in less
 _LONG: Final = 0.75  # [1/bandwidth] of delay, from which degree 7 costs less noise than it gains
 _TAPER: Final = 0.5  # of each half that falls to zero; more would soften the filter itself
 
@@ -52,9 +53,10 @@ class DelayLine:
 class CausalFilter:
     """Taps that pass over n signals as they come, `delay` behind them.
 
-    Samples are expected evenly, at `rate`: jitter is not corrected. Up to the step that the data
-    gate takes for a gap, lost samples are bridged linearly. Before the first sample, the signals
-    are taken to have been what they are then.
+    Samples are expected evenly, at `rate`: jitter is not corrected. Lost samples are bridged
+    linearly, up to `longest_gap`: what comes out is as good as without a gap up to
+    `longest_step`, that the data gate takes for none, and else once the taps have passed it. Before
+    the first sample, the signals are taken to have been what they are then.
 
     Args:
         rate: Of the samples [Hz].
@@ -65,6 +67,7 @@ class CausalFilter:
         self.rate, self.taps = rate, taps
         self.samples = taps.shape[1] // 2  # by which it is late
         self.longest_step = max(LONGEST_STEP, LONGEST_STEP_PERIODS / rate)  # [s]; longer is a gap
+        self.longest_gap = max(LONGEST_GAP, self.longest_step)  # [s]
 
     @classmethod
     def smoother(cls, rate: float, bandwidth: float, samples: int) -> CausalFilter:
@@ -86,7 +89,7 @@ class CausalFilter:
         Also backwards: a clock was set back, or the last time was wrong, and no later one could
         follow it any more. What is a little late is refused by `filter`.
         """
-        return abs(time - memory.time) > self.longest_step  # not before the first: its time is NaN
+        return abs(time - memory.time) > self.longest_gap  # not before the first: its time is NaN
 
     def filter(
         self, memory: DelayLine, time: FloatArray, signals: FloatArray

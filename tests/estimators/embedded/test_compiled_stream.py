@@ -37,9 +37,10 @@ def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def lossy(recording: Recording) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return time, position and torque of a motion with lost samples, and one gap."""
+    """Return time, position and torque, some lost, with a short gap and a long one."""
     time = recording.time - recording.time[0]
     time[time.size // 2 :] += 0.7
+    time[time.size // 3 :] += 0.15
     here = ~np.isin(np.arange(time.size) % 90, [50, 51, 70])
     return time[here], recording.position[here], recording.torque[here]
 

@@ -44,10 +44,11 @@ OK, NOT_FINITE, TIME_STOOD, TORQUE_CHANGED = range(4)
 
 @pytest.fixture(scope="module")
 def moved(true_arm: Simulation) -> Recording:
-    """A minute of motion, some samples lost and one gap; torque with noise."""
+    """A minute of motion, some samples lost, two gaps, one of them short; torque with noise."""
     t = np.arange(int(60 * RATE)) / RATE
     lost = np.isin(np.arange(t.size) % 400, [50, 51, 230])
     t[t.size // 2 :] += 0.7
+    t[t.size // 3 :] += 0.15
     motion = wander(t, np.array([0.3, -0.8]), 5, (0.1, 0.9), (0.01, 0.3))
     torque = true_arm.predict(motion)
     torque += np.random.default_rng(0).normal(0.0, 0.02, torque.shape)

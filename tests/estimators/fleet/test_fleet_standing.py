@@ -205,6 +205,22 @@ def test_less_than_a_tolerance_is_nothing_however_clear():
     assert found.odd == found.drifting == ()
 
 
+@pytest.mark.parametrize(
+    ("arms", "odd", "named"),
+    [(20, 1.45, True), (20, 1.08, False), (4, 1.45, False), (4, 2.0, True)],
+)
+def test_the_more_arms_are_alike_the_less_is_odd(arms, odd, named):
+    random = np.random.default_rng(0)
+    units = 1 + 0.05 * random.standard_normal(arms)
+    units[2] = odd
+    rows = [
+        having(row(f"arm{k}", day, (0.1,)), stated("f_v", unit, tolerance=0.01))
+        for k, unit in enumerate(units)
+        for day in range(3)
+    ]
+    assert FleetDiagnosis("one", tuple(rows)).odd == (("arm2",) if named else ())
+
+
 def test_a_value_that_few_recordings_of_an_arm_tell_is_no_value_of_the_arm():
     found = of_values(odd=1.7)
     own = [row for row in found.rows if row.arm == "arm2"]

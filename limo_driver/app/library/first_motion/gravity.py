@@ -128,7 +128,8 @@ def judge_gravity(
     judged = GravityJudgement(
         tuple(poses), sample.load, tolerance, (), *_unseen(sample, tolerance), 0.0
     )
-    heaviest = np.abs(_tool_at_flange(model, position) / tolerance).max()
+    flange = model.last_frames[model.flange][:3, 3]
+    heaviest = np.abs(_load(model, position, flange) / tolerance).max()
     judged = replace(judged, lightest=_SEEN / max(float(heaviest), 1e-12))
     return judged if judged.fits else replace(judged, causes=_causes(sample, tolerance))
 
@@ -263,10 +264,6 @@ def _load(model: RobotModel, position: FloatArray, com: FloatArray) -> FloatArra
     return model.with_inertials({last: laden}).gravity_torque(position) - model.gravity_torque(
         position
     )
-
-
-def _tool_at_flange(model: RobotModel, position: FloatArray) -> FloatArray:
-    return _load(model, position, model.last_frames[model.flange][:3, 3])
 
 
 def _unseen(sample: RowSample, tolerance: FloatArray) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -288,7 +288,7 @@ def test_the_chosen_explanation_stands_out_also_where_another_has_more_evidence(
     assert "beyond doubt likelier" in page
     assert "does not hold on motion held out" in page
     assert "are 1 (does not hold on motion held out: 1)" in page
-    assert "Of those less likely, the nearest" in page
+    assert "The nearest of those less likely (" in page
 
 
 def test_explanations_are_called_by_what_they_differ_in(page):

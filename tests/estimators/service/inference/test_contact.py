@@ -7,10 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fed_service import DELAY, NAMES, START, feed, live, messages, service_of
+from fed_service import DELAY, NAMES, RATE, START, feed, live, messages, service_of
 
 from estimators.service.inference.contact import REPORT_PERIOD, ContactReport, ContactWatchdog
+from estimators.service.inference.live_model import LiveModel
 from estimators.service.settings import ServiceSettings
+from estimators.stream import Stream
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.network.contact_state import Touch
 from limo_driver.network.messages import (
@@ -19,7 +21,35 @@ from limo_driver.network.messages import (
 )
 
 
+class Unlike:
+    """A stream on motion unlike what was learned."""
+
+    def __init__(self, inner, std):
+        self._inner, self._std = inner, np.full(2, std)
+
+    def __getattr__(self, name):
+        return getattr(self._inner, name)
+
+    def step(self, state, *given):
+        estimate, state = self._inner.step(state, *given)
+        return replace(estimate, outside=np.ones(2, dtype=bool), std=self._std), state
+
+
 class TestContact:
+    @pytest.mark.parametrize(("std", "told"), [(1.0, True), (3.0, False), (np.nan, False)])
+    def test_is_told_of_motion_unlike_what_was_learned_where_it_is_sure(
+        self, rigid, learned, motion, std, told
+    ) -> None:
+        pushed = motion.torque.copy()
+        pushed[200:300, 1] -= 8.0
+        far = LiveModel("far", Unlike(Stream(learned, RATE, DELAY), std), np.full(2, 1e3))
+        service, kept = service_of(rigid, far)
+        feed(service, messages(replace(motion, torque=pushed)))
+        assert [kind for kind in kept.kinds if kind != "changed"] == (
+            ["contact", "contact_end"] if told else []
+        )
+        assert Touch.FREE not in kept.contacts[-1].joints
+
     def test_a_push_is_told_when_it_begins_and_ends(self, rigid, learned, motion) -> None:
         pushed = motion.torque.copy()
         pushed[200:300, 1] -= 8.0
@@ -35,6 +65,18 @@ class TestContact:
         assert (ended["ended_stamp"] - START) * 1e-9 == pytest.approx(3.0, abs=0.05)
         latest = (began["state_stamp"] - START) * 1e-9
         assert 2.0 + DELAY < latest < 2.0 + DELAY + 0.15 + 0.1
+
+    def test_goes_on_over_a_short_gap(self, rigid, learned, motion) -> None:
+        """Even of a joint that stands, and within the gap."""
+        torque, position = motion.torque.copy(), motion.position.copy()
+        position[190:, 1] = position[190, 1]
+        torque[210:400, 1] -= 8.0
+        service, kept = service_of(rigid, live(learned))
+        sent = messages(replace(motion, position=position, torque=torque))
+        feed(service, [*sent[:206], *sent[213:300], *sent[307:]])
+        assert kept.kinds == ["contact", "contact_end"]
+        _, ended = kept.events[-1]
+        assert (ended["ended_stamp"] - START) * 1e-9 == pytest.approx(4.0, abs=0.1)
 
     def test_is_none_where_the_joint_has_not_turned_since_a_gap(
         self, rigid, learned, motion

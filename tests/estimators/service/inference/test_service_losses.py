@@ -23,6 +23,24 @@ class TestLosses:
         assert "reset" not in kept.kinds
         assert not any(estimate.reset for estimate in kept.estimates[20:])
 
+    @pytest.mark.parametrize("lost", [7, 18])
+    def test_memory_outlives_a_gap_of_less_than_a_fifth_of_a_second(
+        self, rigid, learned, motion, lost
+    ) -> None:
+        """What the filter tells does not, until it is full."""
+        service, kept = service_of(rigid, live(learned))
+        sent = messages(motion)
+        feed(service, sent[:300] + sent[300 + lost :])
+        assert "reset" not in kept.kinds
+        flags = [estimate.reset for estimate in kept.estimates[300:]]
+        assert all(flags[:20])
+        assert not any(flags[21:])  # the 20th state after is where rounding puts it
+        assert all(np.isnan(news.torque).all() for news in kept.known_of[300:320])
+        whole, kept_whole = service_of(rigid, live(learned))
+        feed(whole, sent)
+        expected = kept_whole.torque[320 + lost :]
+        np.testing.assert_allclose(kept.torque[320:], expected, atol=0.02)
+
     def test_a_long_gap_begins_memory_anew_and_says_so(self, rigid, learned, motion) -> None:
         service, kept = service_of(rigid, live(learned))
         sent = messages(motion)
@@ -38,12 +56,12 @@ class TestLosses:
     ) -> None:
         service, kept = service_of(rigid)
         sent = messages(motion)
-        feed(service, [sent[t] for t in range(0, 400, 20)])
+        feed(service, [sent[t] for t in range(0, 500, 25)])
         assert service.counts["resets"] == 19
         assert kept.events == [("reset", {"count": 1})]
         monkeypatch.setattr("estimators.service.inference.arm_service._RESET_PAUSE", 0.0)
         service._next_reset = 0.0
-        feed(service, [sent[420]])
+        feed(service, [sent[520]])
         assert kept.events[1:] == [("reset", {"count": 19})]
 
     def test_duplicates_and_late_states_are_not_answered(self, rigid, motion) -> None:

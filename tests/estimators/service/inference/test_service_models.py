@@ -25,6 +25,7 @@ class Failing:
     def __init__(self, inner: Stream, after: int, how: str) -> None:
         self.inner, self.left, self.how = inner, after, how
         self.delay, self.longest_step = inner.delay, inner.longest_step
+        self.longest_gap = inner.longest_gap
 
     def init(self) -> StreamState:
         return self.inner.init()

@@ -53,7 +53,7 @@ def test_columns_are_drawn_in_si_units_beside_those_that_are_not_understood(two_
     assert [curve["dash"] for curve in said["curves"]] == ["solid"] * 2 + ["dash"] * 2 + ["solid"]
     np.testing.assert_allclose(time, TIME)
     np.testing.assert_allclose(values[1], MOTION[:, 1], atol=1e-6)
-    assert said["curves"][0]["read"] == "q1_deg [deg]"
+    assert said["curves"][0]["read"] == "q1_deg, logged in deg"
     assert said["curves"][4]["read"] == "not understood"
     assert (said["rows"], said["gaps"], said["cuts"]) == (1, [], [])
     assert said["pose"] == [0, 1]
