@@ -381,18 +381,15 @@ class Verdict:
             del content["sliding"]
         return {"schema": SCHEMA} | content | {"states": list(self.states)}
 
-    def as_json(self) -> str:
-        """Return the text of `verdict.json`."""
-        return json.dumps({written_by.KEY: written_by.installed()} | self.as_values(), indent=1)
-
     def save(self, path: Path) -> None:
         """Write `verdict.json`.
 
         Raises:
             ConfigError: It cannot be written.
         """
+        content = {written_by.KEY: written_by.installed()} | self.as_values()
         with whole(path) as draft:
-            draft.write_text(self.as_json() + "\n", encoding="utf-8")
+            draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def is_felt_by_all(effect: str) -> bool:

@@ -88,6 +88,7 @@ def command(
     """
     from estimators.diagnosis.from_torque.pipeline import FILES, Diagnosis, save
     from estimators.diagnosis.stages import forward
+    from estimators.diagnosis.verdict import VERDICT
     from estimators.telemetry import telemetry_in
     from limo_driver.app.cli.export import show
     from limo_driver.app.library.diagnosing import diagnose
@@ -119,7 +120,7 @@ def command(
             written = found.save(out)
         progress("done", 1.0)
     if as_json:
-        typer.echo(found.verdict.as_json())
+        typer.echo((out / VERDICT).read_text(encoding="utf-8"), nl=False)
     else:
         print_notes(measured)
         for recording in measured if robot is not None else ():
