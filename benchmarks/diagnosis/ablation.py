@@ -31,7 +31,6 @@ from diagnosis_judged import Judged
 from fresh import folder
 
 import limo_driver as limo
-from estimators.diagnosis.from_torque.pipeline import diagnose
 from estimators.regression.evidence import Posterior
 from limo_driver.app.cli.predict import write
 from limo_driver.app.library.learning import predict
@@ -164,7 +163,7 @@ def _called(command: Sequence[str], _limit: float, log: Path) -> SimpleNamespace
         sim = limo.Simulation.load(options["--sim"])
         recordings = [read(path, sim.model, None) for path in files]
         if name == "diagnose":
-            found = diagnose(sim, recordings)
+            found = limo.diagnose(sim, recordings)
             found.verdict.save(options["--out"] / "verdict.json")
             found.simulation.save(options["--out"] / "sim.yaml")
         elif not _known(options["--out"]).exists():
@@ -207,7 +206,7 @@ def _of_concealed(case: Path) -> Row:
     recordings = [read(p, sim.model, None) for p in sorted(case.glob("recording_*.parquet"))]
     truth = json.loads((case / "hidden" / "truth.json").read_text())
     try:
-        verdict = diagnose(sim, recordings).verdict.as_values()
+        verdict = limo.diagnose(sim, recordings).verdict.as_values()
     except LimoError:
         verdict = None
     judged = Judged(case, truth, verdict, None, None, 0.0)
