@@ -36,7 +36,7 @@ from estimators.diagnosis.from_motion.held_out import (
     resolution_of,
     split,
 )
-from estimators.diagnosis.from_motion.search import Searched, fit_without, search
+from estimators.diagnosis.from_motion.search import Searched, fit_without, is_needed, search
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.from_motion.stated import (
@@ -279,6 +279,8 @@ def _proven(
 ) -> tuple[Searched, tuple[Fold, ...], dict[tuple[int, str], FloatArray]]:
     """Leave out what a joint does without: where all else, fitted again, errs no more.
 
+    What all else would have to be far from what is stated for stays, and counts as it is undone.
+
     Returns:
         What is left, its errors on each part that is held out, and the squared ones of its joint
         without each effect, likewise (K,) [rad²].
@@ -298,9 +300,10 @@ def _proven(
             np.concatenate([fold.squares(fold.loads(given))[one.joint] for fold in own])
             for own in (folds, folds_of(less))
         )
-        if removes(full, without, len(pairs)) < CONFIDENT:
+        if removes(full, without, len(pairs)) >= CONFIDENT:
+            refitted[one.joint, one.effect] = without
+        elif not is_needed(searched, one):
             return _proven(given, pairs, less, tick)
-        refitted[one.joint, one.effect] = without
     return searched, folds, refitted
 
 

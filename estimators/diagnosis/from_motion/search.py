@@ -278,6 +278,18 @@ def fit_without(found: Searched, one: Suspect, tick: float) -> Searched:
     return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
 
 
+def is_needed(found: Searched, one: Suspect) -> bool:
+    """Say whether a suspect still explains what it had to: motion, or what others would be off by.
+
+    Constants that are fitted again without it may foretell as well, and be far from what is stated.
+    """
+    return _is_worth(one, fit_arm(found.problem, one.removed(found.fit.guess), GLANCE), found.fit)
+
+
+def _is_worth(one: Suspect, without: ArmFit, fit: ArmFit) -> bool:
+    return without.cost - fit.cost >= _WORTH + _EACH * len(one.names)
+
+
 def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
     """Return how much rows say, by the errors of a fit whose stated values may be anything.
 
@@ -299,7 +311,7 @@ def _still_worth(
     kept = list(chosen)
     for one in chosen[:-1]:
         less = fit_arm(problem, one.removed(fit.guess), GLANCE)
-        if less.cost - fit.cost < _WORTH + _EACH * len(one.names):
+        if not _is_worth(one, less, fit):
             kept.remove(one)
             problem, fit = reweighted(problem, less, tick)
     return problem, fit, kept
