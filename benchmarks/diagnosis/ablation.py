@@ -130,7 +130,7 @@ def run(variant: str, real: Path, concealed: Sequence[Path], out: Path) -> None:
     path = _file(out, variant)
     rows: list[Row] = json.loads(path.read_text()) if path.exists() else []
     known = {row["case"] for row in rows}
-    scorer = _scorer(real)
+    scorer = scorer(real)
     hidden = sorted(c.parents[1] for f in concealed for c in f.glob("*/hidden/truth.json"))
     for case in sorted(path.parent for path in real.glob("*/truth.json")):
         if case.name not in known:
@@ -143,7 +143,7 @@ def run(variant: str, real: Path, concealed: Sequence[Path], out: Path) -> None:
             path.write_text(json.dumps(rows, indent=1))
 
 
-def _scorer(real: Path) -> Any:  # noqa: ANN401  # a module that lies with the data
+def scorer(real: Path) -> Any:  # noqa: ANN401  # a module that lies with the data
     """Load the scorer of real cases, with commands that run in this process."""
     spec = importlib.util.spec_from_file_location("score_real", real / "score_real.py")
     if spec is None or spec.loader is None:
