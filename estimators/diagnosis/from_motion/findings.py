@@ -18,9 +18,9 @@ import numpy as np
 from estimators.diagnosis.from_motion.fitting.identification import SURE
 from estimators.diagnosis.from_motion.fitting.joint import JointFit, errors
 from estimators.diagnosis.from_motion.held_out import CONFIDENT, LEAST, removes
-from estimators.diagnosis.from_motion.search import OFFSET
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
+from estimators.diagnosis.from_motion.suspects import OFFSET
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, StatedValue, Where

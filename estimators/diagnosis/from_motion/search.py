@@ -7,7 +7,7 @@ them, bent a little, would take the place of the one thing that is there.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -28,19 +28,13 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.suspects import (
     COUNTED,
     Suspect,
+    beliefs,
     stated_beside,
     suspects_of,
 )
 from estimators.diagnosis.settings.judgement import VALUES
 from limo_driver.types import FloatArray
 
-OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
-_SMALL: Final = 2e-3  # in the unit of each
-_UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
-_FADES: Final = c.BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
-# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
-# less where it goes by the motor's torque, which friction raises one way and lowers the other.
-_DRIVEN: Final = c.BelievedValue(1.0, 0.35)
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
 _ZERO: Final = 0.3  # [rad]
 _SAG: Final = 0.5  # of a motor's winding, likewise of the supply's resistance
@@ -97,35 +91,6 @@ def _share(row: FloatArray) -> float:
 
 def _has_motor(row: FloatArray) -> bool:
     return bool(np.isfinite(c.value_in(row, "stall")))
-
-
-def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, c.BelievedValue]]:
-    """Return what is believed of each joint: the stated values, within their tolerances.
-
-    Args:
-        rows: Stated constants of each joint, (n, columns).
-        tolerance: Deviations of their logarithms, likewise, or one of all.
-    """
-    own = (c.DAMPING, c.COULOMB, "delay", "inertia")
-    return [
-        {
-            **{
-                name: _belief(c.value_in(row, name), c.value_in(reach, name))
-                for name in (c.gain_of(row), *own, *stated_beside(row))
-            },
-            "offset": c.BelievedValue(c.value_in(row, "offset"), OFFSET),
-            "v_s": _FADES,
-            "assisted": _DRIVEN,
-        }
-        for row, reach in zip(rows, np.broadcast_to(tolerance, rows.shape), strict=True)
-    ]
-
-
-def _belief(value: float, tolerance: float) -> c.BelievedValue:
-    """Return what is believed of a stated value; one that is stated as none may be small."""
-    if value > _SMALL:
-        return c.BelievedValue(value, tolerance)
-    return c.BelievedValue(_SMALL, _UNSTATED)
 
 
 def search(
@@ -217,6 +182,7 @@ def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float)
         looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
+        best = _simplest(best, looks, tick)
         chosen.append(best.one)
         if best.one.effect in COUNTED:
             problem, fit = reweighted(best.problem, best.fit, tick)
@@ -288,6 +254,20 @@ def is_needed(found: Searched, one: Suspect) -> bool:
 
 def _is_worth(one: Suspect, without: ArmFit, fit: ArmFit) -> bool:
     return without.cost - fit.cost >= _WORTH + _EACH * len(one.names)
+
+
+def _simplest(best: _Look, looks: Sequence[_Look], tick: float) -> _Look:
+    """Return what explains the same of a joint with fewer constants, at the end of both fits.
+
+    Looks are short, and each is judged by the errors that it leaves.
+    """
+    simpler = [x for x in looks if x.one.joint == best.one.joint and x.one.price < best.one.price]
+    problem, fit = _converge(best.problem, best.fit, tick) if simpler else (best.problem, best.fit)
+    for look in simpler:
+        other = fit_arm(replace(problem, over=_FINE), look.fit.guess, EVALUATIONS)
+        if other.cost + _EACH * look.one.price <= fit.cost + _EACH * best.one.price:
+            return look
+    return best
 
 
 def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
@@ -396,4 +376,4 @@ def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float
     if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
     before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
-    return before - new.cost - _EACH * (len(one.names) + bool(one.freed)) - _inner_load(one)
+    return before - new.cost - _EACH * one.price - _inner_load(one)

@@ -1,4 +1,6 @@
-"""What an arm may have beyond what is stated: suspects, each with where its fit begins.
+"""What an arm may have beyond what is stated, and what is believed of it.
+
+Suspects begin their fits each where it comes nearest.
 
 Stiction: friction of a joint at rest beyond its dry friction, and where its fit begins.
 
@@ -34,6 +36,13 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.types import FloatArray
 
+OFFSET: Final = 0.02  # [N m], deviation of what pulls on a joint beside the known masses
+_SMALL: Final = 2e-3  # in the unit of each
+_UNSTATED: Final = 1.0  # deviation of the logarithm of what is stated as none
+_FADING: Final = c.BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, of most gears
+# Friction by load where the load drives the joint, over that where it resists: alike in most gears,
+# less where it goes by the motor's torque, which friction raises one way and lowers the other.
+_DRIVEN: Final = c.BelievedValue(1.0, 0.35)
 COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
 _START_MASS: Final = 0.05  # of the arm's own
 _FREED: Final = (
@@ -80,6 +89,11 @@ class Suspect:
     def names(self) -> tuple[str, ...]:
         """Its constants."""
         return tuple(name for name, _ in self.start)
+
+    @property
+    def price(self) -> int:
+        """How many constants it makes another."""
+        return len(self.names) + bool(self.freed)
 
     @property
     def affects(self) -> tuple[int, ...] | None:
@@ -141,6 +155,35 @@ class Suspect:
         rows[j] = c.with_values(rows[j], {name: c.constant_of(name).absent for name in own})
         names[j] = tuple(name for name in names[j] if name not in self.names)
         return replace(guess, rows=rows, names=tuple(names))
+
+
+def beliefs(rows: FloatArray, tolerance: FloatArray | float) -> list[Mapping[str, c.BelievedValue]]:
+    """Return what is believed of each joint: the stated values, within their tolerances.
+
+    Args:
+        rows: Stated constants of each joint, (n, columns).
+        tolerance: Deviations of their logarithms, likewise, or one of all.
+    """
+    own = (c.DAMPING, c.COULOMB, "delay", "inertia")
+    return [
+        {
+            **{
+                name: _belief(c.value_in(row, name), c.value_in(reach, name))
+                for name in (c.gain_of(row), *own, *stated_beside(row))
+            },
+            "offset": c.BelievedValue(c.value_in(row, "offset"), OFFSET),
+            "v_s": _FADING,
+            "assisted": _DRIVEN,
+        }
+        for row, reach in zip(rows, np.broadcast_to(tolerance, rows.shape), strict=True)
+    ]
+
+
+def _belief(value: float, tolerance: float) -> c.BelievedValue:
+    """Return what is believed of a stated value; one that is stated as none may be small."""
+    if value > _SMALL:
+        return c.BelievedValue(value, tolerance)
+    return c.BelievedValue(_SMALL, _UNSTATED)
 
 
 def stated_beside(row: FloatArray) -> tuple[str, ...]:
