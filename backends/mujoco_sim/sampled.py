@@ -122,29 +122,25 @@ class SampledEffects:
 
     @_add.register(physics.Friction)
     def _damp(
-        self,
-        effect: physics.Friction | physics.MotionEffect,
-        state: State,
-        cycle: _Cycle,
-        still: float = 0.0,
+        self, effect: physics.Friction | physics.MotionEffect, state: State, cycle: _Cycle
     ) -> State:
-        """Add what a torque has beyond that at rest [N m], with the velocity, as a damping."""
+        """Add a torque that has the sign of the velocity, or its opposite, as a damping."""
         j = effect.joint - 1
         v = away_from_rest(cycle.ahead[j])
         sliding = replace(cycle.arm.of_joint(j), velocity=np.array([v]))
         by = effect.evaluate if isinstance(effect, physics.Friction) else effect.advance
         value, state = by(state, sliding)
-        self.added[layout.ADDED_DAMPING, j] += (value[0] - still) / v
+        self.added[layout.ADDED_DAMPING, j] += value[0] / v
         return state
 
     @_add.register(physics.MotionEffect)
     def _(self, effect: physics.MotionEffect, state: State, cycle: _Cycle) -> State:
         j = effect.joint - 1
         if not effect.displaces:  # what it has wound up pushes whichever way the joint moves
-            still = replace(cycle.arm.of_joint(j), velocity=np.zeros(1))
-            wound, _ = effect.advance(state, still)
+            wound, _ = effect.advance(state, replace(cycle.arm.of_joint(j), velocity=np.zeros(1)))
             self.added[layout.ADDED_TORQUE, j] += wound[0]
-            return self._damp(effect, state, cycle, float(wound[0]))
+            self.added[layout.ADDED_DAMPING, j] -= wound[0] / away_from_rest(cycle.ahead[j])
+            return self._damp(effect, state, cycle)
         motion = cycle.arm.of_joint(j)
         at_rest = replace(motion, load=cycle.static[j : j + 1])
         self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, at_rest)[0][0]
