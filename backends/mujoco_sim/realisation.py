@@ -220,9 +220,9 @@ def check_late(draft: Draft, inertia: FloatArray, period: float) -> None:
     most = largest_stiffness(inertia, period)
     for j in np.flatnonzero(stiffness > most):
         raise ConfigError(
-            f"presliding_hysteresis, joint {j + 1}: sigma_0 + sigma_1 / {period:g} s is "
-            f"{stiffness[j]:.4g} N m/rad; on {inertia[j]:.3g} kg m² the step of {period:g} s "
-            f"carries at most {most[j]:.4g} N m/rad"
+            f"joint {j + 1}: presliding (sigma_0 + sigma_1 / {period:g} s) and play (drag / width) "
+            f"are {stiffness[j]:.4g} N m/rad stiff; on {inertia[j]:.3g} kg m² the step of "
+            f"{period:g} s carries at most {most[j]:.4g} N m/rad"
         )
     for j in np.flatnonzero(draft.late_inertia > LARGEST_COUPLING_RATIO * inertia):
         raise ConfigError(

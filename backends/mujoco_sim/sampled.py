@@ -135,9 +135,12 @@ class SampledEffects:
 
     @_add.register(physics.MotionEffect)
     def _(self, effect: physics.MotionEffect, state: State, cycle: _Cycle) -> State:
-        if not effect.displaces:
-            return self._damp(effect, state, cycle)
         j = effect.joint - 1
+        if not effect.displaces:  # what it has wound up pushes whichever way the joint moves
+            wound, _ = effect.advance(state, replace(cycle.arm.of_joint(j), velocity=np.zeros(1)))
+            self.added[layout.ADDED_TORQUE, j] += wound[0]
+            self.added[layout.ADDED_DAMPING, j] -= wound[0] / away_from_rest(cycle.ahead[j])
+            return self._damp(effect, state, cycle)
         motion = cycle.arm.of_joint(j)
         at_rest = replace(motion, load=cycle.static[j : j + 1])
         self.added[layout.ADDED_STATIC_WIND_UP, j] += effect.advance(state, at_rest)[0][0]

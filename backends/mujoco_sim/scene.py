@@ -62,6 +62,7 @@ def compile_model(
     """
     spec = _read(robot)
     spec.option.timestep = timestep
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET  # diverging fails
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.gravity = np.array(robot.pin_model.gravity.linear)
     if any(body.mass <= 0 for body in robot.inertials.values()):  # frames between two axes

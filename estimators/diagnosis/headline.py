@@ -15,12 +15,11 @@ from estimators.diagnosis.quantities import (
     differs,
     from_to,
     in_words,
-    listed,
     of_joints,
     of_several,
-    once,
     quantity,
     unit_of,
+    values_listed,
 )
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, LINK_INERTIA, UNKNOWN, Interval
@@ -107,7 +106,7 @@ def _differing(verdict: Verdict, names: Sequence[str]) -> list[tuple[str, str]]:
     for item in by_error(verdict):
         if item.reported:
             groups.setdefault((item.effect, item.name), []).append(item)
-    texts = [(from_to(group), differs(group, names)) for group in groups.values()]
+    texts = [(from_to(group, names), differs(group, names)) for group in groups.values()]
     others = [
         group
         for group in _groups(verdict)
@@ -236,18 +235,18 @@ def _size(known: Interval) -> str:
 
 def _against_stated(group: Sequence[Finding], names: Sequence[str]) -> str:
     """Say which values fit joints, and which are stated; nothing where one is not known."""
-    pairs = [(known, known.stated) for item in group if (known := _main(item))]
-    stated = [f"{value:.4g}" for _, value in pairs if value is not None]
+    group = sorted(group, key=lambda item: item.joints)
+    known = [main for item in group if (main := _main(item))]
+    stated = [main.stated for main in known if main.stated is not None]
     joints = [j for item in group for j in item.joints]
     if not len(stated) == len(group) == len(joints):
         return ""
-    if len(group) == 1:
-        fits = quantity(pairs[0][0])
-    else:
-        values = listed([f"{known.value:.3g}" for known, _ in pairs])
-        fits = values + unit_of(pairs[0][0].unit)
-    of = of_several(joints, names) if joints == sorted(joints) else of_joints(joints, names)
-    return f"{of} is {fits}, not the stated {listed(once(stated))}"
+    values = [float(main.value) for main in known]  # pyright: ignore[reportArgumentType]  # `_main`
+    fits = values_listed(values) + unit_of(known[0].unit)
+    return (
+        f"{of_several(joints, names)} is {quantity(known[0]) if len(group) == 1 else fits}, "
+        f"not the stated {values_listed(stated, digits=4)}"
+    )
 
 
 def _main(item: Finding) -> Interval | None:

@@ -85,8 +85,11 @@ def of_joints(joints: Sequence[int], names: Sequence[str] = ()) -> str:
     """
     if not joints:
         return "whole arm"
-    called = [joint_called(j, names[j - 1] if j <= len(names) else "") for j in joints]
-    return f"joint{'s' * (len(joints) > 1)} {', '.join(called)}"
+    return f"joint{'s' * (len(joints) > 1)} {', '.join(_called(joints, names))}"
+
+
+def _called(joints: Sequence[int], names: Sequence[str]) -> list[str]:
+    return [joint_called(j, names[j - 1] if j <= len(names) else "") for j in joints]
 
 
 def placed(effect: str, joints: Sequence[int], names: Sequence[str] = ()) -> str:
@@ -129,7 +132,7 @@ def in_noise_floors(errors: FloatArray | Sequence[float], fit: Fit) -> FloatArra
 
 
 def of_several(joints: Sequence[int], names: Sequence[str]) -> str:
-    """Return joints in few words: "joints 1 to 4", "all joints", "joint 3 (elbow)".
+    """Return joints in few words: "joints 1 (base) to 4 (wrist)", "all joints", "joint 3 (elbow)".
 
     Args:
         joints: Their numbers, 1-based.
@@ -139,13 +142,18 @@ def of_several(joints: Sequence[int], names: Sequence[str]) -> str:
     if not known or (known == list(range(1, n + 1)) and n > 1):
         return "all joints"
     if len(known) > 2 and known[-1] - known[0] == len(known) - 1:  # noqa: PLR2004  # a range
-        return f"joints {known[0]} to {known[-1]}"
+        return f"joints {' to '.join(_called((known[0], known[-1]), names))}"
     return of_joints(known, names)
 
 
-def once(texts: Sequence[str]) -> Sequence[str]:
-    """Return texts, and one alone where all are the same."""
-    return texts[:1] if len(set(texts)) == 1 else texts
+def values_listed(values: Sequence[float], digits: int = 3) -> str:
+    """List values of joints in their order; one alone where all are the same, the ends of many."""
+    texts = [f"{value:.{digits}g}" for value in values]
+    if len(set(texts)) == 1:
+        return texts[0]
+    if len(texts) > 3:  # noqa: PLR2004  # more than a sentence holds; tables have each
+        return f"{min(values):.{digits}g} to {max(values):.{digits}g}"
+    return listed(texts)
 
 
 QUANTITIES: Final = {  # by effect and parameter, as roboticists call it: what wears or is off
@@ -200,23 +208,26 @@ def by_error(verdict: Verdict) -> list[StatedValue]:
     )
 
 
-def from_to(group: Sequence[StatedValue]) -> str:
-    """Say from what to what values of one kind differ."""
+def from_to(group: Sequence[StatedValue], names: Sequence[str]) -> str:
+    """Say from what to what values of one kind differ.
+
+    Args:
+        group: These values.
+        names: Of all joints of the arm.
+    """
     first, name = group[0], name_of_value(group[0])
     if not first.effect:
         return (
             f"{first.name} make {fitted_of(first)} at {place_of_value(first)}, not the stated "
-            f"{_alike(first.stated)}"
+            f"{first.stated:.4g}"
         )
     group = sorted(group, key=lambda item: item.joints)
-    places = listed([x for item in group for x in map(joint_called, item.joints, item.joint_names)])
-    of = f" of joint{'s' * (len(group) > 1)} {places}" if places else ""
-    fits = once([f"{x.fitted:.3g}" for x in group])
-    unit = unit_of(first.unit)
-    one = len(group) == 1
-    stated = once([_alike(x.stated) for x in group])
-    against = "none is stated" if stated == ["0"] else f"not the stated {listed(stated)}"
-    return f"{name}{of} is {fitted_of(first) if one else listed(fits) + unit}, {against}"
+    joints = [j for item in group for j in item.joints]
+    of = f" of {of_several(joints, names)}" if joints else ""
+    fits = values_listed([x.fitted for x in group]) + unit_of(first.unit)
+    stated = values_listed([x.stated for x in group], digits=4)
+    against = "none is stated" if stated == "0" else f"not the stated {stated}"
+    return f"{name}{of} is {fitted_of(first) if len(group) == 1 else fits}, {against}"
 
 
 def differs(group: Sequence[StatedValue], names: Sequence[str]) -> str:
@@ -231,10 +242,6 @@ def differs(group: Sequence[StatedValue], names: Sequence[str]) -> str:
     if not group[0].effect:
         return f"{group[0].name}, felt at {where}, are not as stated"
     return f"{name_of_value(group[0])} of {where} is not as stated"
-
-
-def _alike(value: float) -> str:
-    return f"{value:.4g}"
 
 
 def value_columns(verdict: Verdict) -> dict[str, list[str]]:

@@ -84,7 +84,7 @@ static void evaluate(limo_memory *memory, double time, const double q[N], const 
         estimate->measured[j] = estimate->external[j] = NAN;
 #if LIMO_CONTACT
         estimate->threshold[j] = NAN;
-        estimate->contact[j] = false;
+        estimate->contact[j] = estimate->known[j] = false;
 #endif
     }
 }
@@ -268,6 +268,7 @@ void limo_init(limo_state *state)
     for (int j = 0; j < N; ++j) {
         state->lowest[j] = INFINITY;
         state->highest[j] = -INFINITY;
+        state->contact[j] = false;
     }
 #endif
 #if LIMO_TORQUE_TAPS > 1
@@ -335,9 +336,13 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
             estimate->deviation[j] = free_error[j];
         }
         estimate->threshold[j] = contact_above[j] * estimate->deviation[j];
-        estimate->contact[j] = estimate->filled && !estimate->outside[j] &&
-                               state->highest[j] - state->lowest[j] >= TURNED &&
-                               fabs(estimate->external[j]) > estimate->threshold[j];
+        estimate->known[j] = estimate->filled && !estimate->outside[j] &&
+                             state->highest[j] - state->lowest[j] >= TURNED;
+        if (estimate->filled) { /* else a gap is short, and what touched the arm may still */
+            state->contact[j] =
+                estimate->known[j] && fabs(estimate->external[j]) > estimate->threshold[j];
+        }
+        estimate->contact[j] = state->contact[j];
 #endif
     }
     return LIMO_OK;

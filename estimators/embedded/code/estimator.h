@@ -29,6 +29,7 @@ typedef struct {
     limo_memory model;
 #if LIMO_CONTACT
     double lowest[LIMO_JOINTS], highest[LIMO_JOINTS]; /* positions since memory began */
+    bool contact[LIMO_JOINTS];                        /* as it was last known */
 #endif
 } limo_state;
 
@@ -47,7 +48,8 @@ typedef struct {
     bool outside[LIMO_JOINTS];     /* unlike what was learned; the deviation is a guess there */
 #if LIMO_CONTACT
     double threshold[LIMO_JOINTS]; /* of external torque, from where on it is a contact */
-    bool contact[LIMO_JOINTS];     /* external torque is beyond it */
+    bool contact[LIMO_JOINTS];     /* external torque is beyond it; as before while a gap is filled */
+    bool known[LIMO_JOINTS];       /* contact is: not after a start or gap, nor where outside */
 #endif
     bool filled;                   /* the filter has forgotten the start or the last gap */
 } limo_estimate;

@@ -57,9 +57,9 @@ _PLACES = (
 _LEAD = (
     "Rings: external torque of each joint, against the 95 % interval of its estimate; red in a "
     "contact. Arrow: the force at the flange that explains the external torques best then. Neither "
-    "tells of motion unlike what was learned. There is no value where none came, and while the "
-    "filter of the motion fills after a gap. The last ten minutes since this page was opened can "
-    "be looked at: pause, and move the slider."
+    "tells of motion unlike what was learned, whose external torque is grey. There is no value "
+    "where none came, and while the filter of the motion fills after a gap. The last ten minutes "
+    "since this page was opened can be looked at: pause, and move the slider."
 )
 SURE: Final = 1.96  # standard deviations of a 95 % interval
 _DAMPING: Final = 0.05  # [m], of the force at the flange in directions that no joint feels well

@@ -68,9 +68,10 @@ class JointStrip {
     const external = this.value(now, "external"), sure = this.value(now, "interval");
     const lost = this.value(now, "torque") === null || end - now.t > SILENT; // two digits of the interval, of any arm's scale
     const digits = sure === null ? 2 : Math.min(4, Math.max(1, 1 - Math.floor(Math.log10(Math.max(sure, 1e-4)))));
-    this.caption.replaceChildren(cell("b", this.label), cell("i", "external"), cell("span", lost ? "no value"
-      : `${shownNumber(external, digits)}${sure === null ? "" : ` ± ${shownNumber(sure, digits)}`} N m` +
-        (now.outside?.[this.j] && !now.fallback ? ", unlike what was learned" : "")));
+    const unlike = now.outside?.[this.j] && !now.fallback; // a phone has no room for the words, and shows it in grey
+    this.caption.replaceChildren(cell("b", this.label), cell("i", unlike ? "external, unlike what was learned" : "external"),
+      cell("span", lost ? "no value" : `${shownNumber(external, digits)}${sure === null ? "" : ` ± ${shownNumber(sure, digits)}`} N m`,
+        unlike ? "unlike" : ""));
     const pushed = [...marks.values()].some((m) => m.joint === this.j + 1 && m.t <= end && (m.ended ?? end) >= end);
     this.canvas.classList.toggle("pushed", pushed);
     const ratio = devicePixelRatio, width = this.canvas.clientWidth, height = this.canvas.clientHeight;

@@ -19,7 +19,7 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion
+    from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion, SimulatedPlant
     from limo_driver.types import FloatArray
 
 _WIDEST = 0.2  # [rad]
@@ -142,6 +142,12 @@ class Backlash(MotionEffect):
         if self.width is not None:
             return self.drag * (_wound(after, position, flank, self.width) - sign), after
         return -self.drag * sign * _loose(after, position, np.sign(sign), flank), after
+
+    def realise(self, robot: SimulatedPlant) -> None:
+        """Be sampled, as stiff as what is wound up at a flank."""
+        super().realise(robot)
+        if self.drag is not None and self.width is not None:
+            robot.expect_late(self.joint, stiffness=self.drag / self.width)
 
     def with_more(self, more: Effect) -> Effect | None:
         """Return one play for two that the link falls across; drags of two gaps stay two."""

@@ -149,9 +149,16 @@ def test_each_displacement_is_felt_as_predicted(effect, exploration):
     assert missing.max() > 5 * error.max()
 
 
-@pytest.mark.slow("simulates six seconds")
-def test_a_drag_that_lets_go_is_felt_as_predicted(exploration):
-    loose = Backlash(joint=4, gap=0.01, drag=1.5)
+@sampled(
+    "loose",
+    [
+        Backlash(joint=4, gap=0.01, drag=1.5, width=1.5e-4, v_eps=0.002),
+        Backlash(joint=4, gap=0.01, drag=1.5),
+    ],
+    "simulates six seconds each",
+    ids=["winding up", "at once"],
+)
+def test_a_drag_that_lets_go_is_felt_as_predicted(loose, exploration):
     error, missing = felt(
         iiwa(CoulombFriction(joint=4, tau_c=1.7, v_eps=0.002), loose), exploration
     )

@@ -9,9 +9,10 @@ import pytest
 from simulated_runs import iiwa, play, rms
 
 from backends.mujoco_sim import MujocoRobot
-from limo_driver.errors import ConfigError, JointLimitError, ShapeError
+from limo_driver.errors import BackendError, ConfigError, JointLimitError, ShapeError
 from limo_driver.model import RobotModel
 from limo_driver.physics import (
+    Backlash,
     JointCoupling,
     JointElasticity,
     PreslidingHysteresis,
@@ -138,8 +139,10 @@ def test_stiffness_beyond_the_step_is_refused_by_name():
     with pytest.raises(ConfigError, match=r"joint 7: a stiffness of 3e\+06 N m/rad.*period"):
         MujocoRobot(iiwa(stiff))
     bristles = {"law": "lugre", "sigma_0": 2e4, "tau_c": 2.0}
-    with pytest.raises(ConfigError, match=r"joint 7: sigma_0 \+ sigma_1 / 0.001 s is 5.02e\+06"):
+    with pytest.raises(ConfigError, match=r"joint 7: .*sigma_1 / 0.001 s\).* 5.02e\+06"):
         MujocoRobot(iiwa(PreslidingHysteresis(joint=7, sigma_1=5e3, **bristles)))
+    with pytest.raises(ConfigError, match=r"joint 7: .*play \(drag / width\) are 2e\+06 N m/rad"):
+        MujocoRobot(iiwa(Backlash(joint=7, gap=1e-3, drag=2.0, width=1e-6)))
     with pytest.raises(ConfigError, match="joint_coupling, joint 7: inertia = 2 kg m²"):
         MujocoRobot(iiwa(JointCoupling(joint=7, other=6, inertia=2.0)))
     soft_gear = (
@@ -212,3 +215,11 @@ def test_an_arm_of_mjcf_without_limits_of_torque_follows(tmp_path):
     assert np.abs(run.position - run.target).max() < 1e-3
     torque = simulation.predict(run.true_motion)
     np.testing.assert_allclose(run.true_torque[10:], torque[10:], atol=0.5)
+
+
+def test_a_simulation_that_diverges_says_so(exploration):
+    with MujocoRobot(iiwa(), initial_position=exploration[0]) as robot:
+        robot.receive()
+        robot._data.qvel[3] = 1e12  # as of a torque that no step can follow
+        with pytest.raises(BackendError, match="left the finite numbers"):
+            robot.run(exploration[:50])

@@ -102,8 +102,20 @@ def test_a_gain_that_is_off_is_said_beside_the_stated_one():
     assert headline(verdict(gain(2, 23.3, 25.0))) == (
         "P gain of joint 2 is 23.30 N m/rad [22.90, 23.70], not the stated 25."
     )
-    assert headline(verdict(gain(2, 23.3, 25.0), gain(4, 31.0, 25.0))) == (
+    assert headline(verdict(gain(4, 31.0, 25.0), gain(2, 23.3, 25.0))) == (
         "P gain of joints 2, 4 is 23.3 and 31 N m/rad, not the stated 25."
+    )
+
+
+def test_joints_in_a_row_are_said_by_the_first_and_the_last_and_many_values_by_their_ends():
+    lift, elbow, wrist = (gain(j, fits, 25.0) for j, fits in ((2, 23.3), (3, 31.0), (4, 18.0)))
+    names = ("pan", "lift", "elbow", "wrist", *("",) * 3)
+    assert headline(replace(verdict(wrist, lift, elbow), joint_names=names)) == (
+        "P gain of joints 2 (lift) to 4 (wrist) is 23.3, 31 and 18 N m/rad, not the stated 25."
+    )
+    more = verdict(wrist, lift, elbow, gain(5, 17.0, 50.0))
+    assert headline(more) == (
+        "P gain of joints 2 to 5 is 17 to 31 N m/rad, not the stated 25 to 50."
     )
 
 
@@ -174,7 +186,7 @@ def test_an_error_has_four_digits_on_any_arm(error, said):
 def test_joints_are_said_in_few_words():
     names = ("joint_1", "a2", "stick", "A4", *("",) * 3)
     assert [of_several(j, names) for j in ((3,), (1, 4), (2, 3, 4), range(1, 8), ())] == [
-        "joint 3 (stick)", "joints 1, 4 (A4)", "joints 2 to 4", "all joints", "all joints"
+        "joint 3 (stick)", "joints 1, 4 (A4)", "joints 2 (a2) to 4 (A4)", "all joints", "all joints"
     ]  # fmt: skip
 
 

@@ -53,7 +53,9 @@ def fit(above=(), removed=0.9, interval=(0.8, 0.95), left=()):
 
 
 def verdict(**more):
-    usual = Verdict("consistent", (), Unexplained(), (), None, fit(), RowCount(1, {}))
+    usual = Verdict(
+        "consistent", (), Unexplained(), (), None, fit(), RowCount(1, {}), joint_names=NAMES
+    )
     return replace(usual, **more)
 
 
@@ -129,7 +131,7 @@ def test_what_nobody_stated_is_physics_that_is_missing():
 def test_an_error_that_nothing_accounts_for_stays_unexplained():
     found = verdict(values=(value(joint=2),), fit=fit(above=(2, 3), left=(3,)))
     assert found.states == ("stated values differ", "something unexplained remains")
-    assert "joint 3: something unknown, 10.0 noise floors" in headline(found)
+    assert "joint 3 (wrist): something unknown, 10.0 noise floors" in headline(found)
     moved_along = replace(found, fit=fit(above=(2, 3)))  # by what differs at another joint
     assert moved_along.states == ("stated values differ",)
     alone = verdict(fit=fit(above=(2,)))

@@ -32,6 +32,7 @@ _FIELDS = (
     "threshold",
     "outside",
     "contact",
+    "known",
 )
 
 

@@ -36,13 +36,14 @@ int main(int argc, char **argv)
             more == 2 * N ? limo_model_step(&memory, row[0], row + 1, rest, rest + N, &e)
                           : limo_step(&state, row[0], row + 1, more ? rest : NULL, &e);
         const double head[3] = {(double)status, e.time, e.filled ? 1.0 : 0.0};
-        double flags[2 * N], threshold[N];
+        double flags[3 * N], threshold[N];
         for (int j = 0; j < N; ++j) {
             flags[j] = e.outside[j] ? 1.0 : 0.0;
-            flags[N + j] = 0.0;
+            flags[N + j] = flags[2 * N + j] = 0.0;
             threshold[j] = 0.0;
 #if LIMO_CONTACT
             flags[N + j] = e.contact[j] ? 1.0 : 0.0;
+            flags[2 * N + j] = e.known[j] ? 1.0 : 0.0;
             threshold[j] = e.threshold[j];
 #endif
         }
@@ -57,7 +58,7 @@ int main(int argc, char **argv)
         write(e.measured, N);
         write(e.external, N);
         write(threshold, N);
-        write(flags, 2 * N);
+        write(flags, 3 * N);
     }
     return 0;
 }

@@ -224,7 +224,16 @@ def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
     assert found["contact"][during, 1].all()
     still = quiet.position.copy()
     still[:, 1] = still[0, 1]  # how its friction stands is not known
-    assert not built.stream(quiet.time, still, pushed)["contact"][:, 1].any()
+    at_rest = built.stream(quiet.time, still, pushed)
+    assert not at_rest["contact"][:, 1].any()
+    assert not at_rest["known"][:, 1].any()
+    for lost, goes_on in ((0.1, True), (0.3, False)):  # in the push; its memory is kept, or not
+        kept = (quiet.time < 12.25) | (quiet.time > 12.25 + lost)
+        gap = built.stream(quiet.time[kept], quiet.position[kept], pushed[kept])
+        after = (gap.time > 12.26) & (gap.filled == 0.0)
+        assert after.any()
+        assert not gap["known"][after].any()
+        assert (gap["contact"][after, 1] == goes_on).all()
     assert np.isfinite(found["threshold"]).all()
 
 
