@@ -292,10 +292,11 @@ class RobotSession:
     def _confirm(self, reflected: int, order: Order) -> None:
         """Settle the commands up to the one that the robot received last."""
         waiting = self._unconfirmed
-        if order is _RESTARTED and waiting:  # nobody knows; the last one may well have had effect
-            self.confirmed = waiting[-1].effect
-            waiting.clear()
         behind = (self._sequence - 1 - reflected) % _MODULUS  # commands sent since then
+        # A counter that leaps says nothing of commands where the other goes on.
+        if order is _RESTARTED and waiting and behind > len(waiting):
+            self.confirmed = waiting[-1].effect  # nobody knows; it may well have had effect
+            waiting.clear()
         if behind >= len(waiting):
             return
         passed_over = len(waiting) - 1 - behind

@@ -88,7 +88,10 @@ class YamlNode(ConfigNode):
     def plain(self) -> Any:  # noqa: ANN401  # of any type that YAML knows
         """Return one value of the type that YAML itself takes it for."""
         self.scalar(TEXT)
-        return yaml.SafeLoader("").construct_object(self.content)
+        try:
+            return yaml.SafeLoader("").construct_object(self.content)
+        except (yaml.YAMLError, ValueError, KeyError, AttributeError):  # as PyYAML has it
+            self.refuse("a text, a number, a date or true or false")
 
     @property
     def said(self) -> str:

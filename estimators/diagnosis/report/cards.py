@@ -109,7 +109,7 @@ def _card(
         ("confidence", meter(item.confidence)),
     ]
     if drop := _drop(item, verdict):
-        facts.append(("held-out RMSE, fitted without → with it", drop))
+        facts.append(("held-out RMSE, fitted without → with it", escape(drop)))
     beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""
     if item.share > 0:  # of a push nothing is: its rows are not scored
         does = "leaves" if unknown else "removes"

@@ -272,7 +272,7 @@ def _compared(verdict: Verdict) -> str:
     count = verdict.rows
     columns = (count.usable, count.fitted, count.judged, count.part_judged())
     rows = [
-        [label, _count(usable), _count(fitted), _count(judged), percent(part)]
+        [escape(label), _count(usable), _count(fitted), _count(judged), percent(part)]
         for label, (usable, fitted, judged, part) in zip(
             verdict.labels, zip(*columns, strict=True), strict=False
         )

@@ -355,7 +355,7 @@ def _replayed(diagnosis: DiagnosisResult, item: Replay, charts: Charts) -> str:
     )
     errors = before, after, diagnosis.verdict.fit.noise_floor
     rows = [
-        [diagnosis.verdict.labels[j],
+        [escape(diagnosis.verdict.labels[j]),
          *(rounded(float(error[j])) if moves else UNSAID for error in errors),
          rounded(1e3 * float(item.tracking[j]), 2), percent(moves)]
         for j, moves in enumerate(float(column.mean()) for column in item.moving.T)

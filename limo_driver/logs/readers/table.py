@@ -19,7 +19,7 @@ from limo_driver.runtime.parameters import Declared, parameter, shown
 from limo_driver.types import FloatArray
 
 _MATRIX: Final = 2  # dimensions
-_MOST_LABELS: Final = 4096  # columns of one array
+_MOST_COLUMNS: Final = 4096  # of a log; images have more
 
 
 @dataclass(frozen=True)
@@ -64,6 +64,11 @@ class LogTable:
 
     def __post_init__(self) -> None:
         sizes = {name: values.size for name, values in self.columns.items()}
+        if len(sizes) > _MOST_COLUMNS:
+            raise RecordingError(
+                f"has {len(sizes)} columns, expected at most {_MOST_COLUMNS}",
+                path=self.source or None,
+            )
         if len(set(sizes.values())) > 1:
             usual = max(sizes.values(), key=list(sizes.values()).count)
             odd = next(name for name, size in sizes.items() if size != usual)
@@ -207,7 +212,7 @@ def said_of_shape(shape: tuple[int, ...], rows: int) -> str:
 
 def _labels(values: NDArray[Any]) -> tuple[str, ...]:
     """Return the texts of an array that may name columns; none of any other."""
-    if values.ndim != 1 or values.dtype.kind not in "USO" or not 0 < values.size <= _MOST_LABELS:
+    if values.ndim != 1 or values.dtype.kind not in "USO" or not 0 < values.size <= _MOST_COLUMNS:
         return ()
     texts = [x.decode(errors="replace") if isinstance(x, bytes) else x for x in values.tolist()]
     named = all(isinstance(x, str) and x.strip() for x in texts)

@@ -11,6 +11,7 @@ from stepped_arm import SteppedArm, stepped
 from backends.fri.answers import DOUBTED, FLICKER
 from backends.fri.codec.messages import CommandMode, DriveState, Quality, SafetyState, SessionState
 from limo_driver.errors import BackendError, HoldingError
+from limo_driver.types import TorqueCommand
 
 
 def once(arm, change):
@@ -146,6 +147,23 @@ class TestAnActiveSessionThatSaysSomethingElse:
                 always(robot.arm, confirming_late(ahead))
                 robot.receive()
             judged.check()
+
+    @pytest.mark.parametrize("leaps_at", [11, 15, 22])
+    def test_is_no_word_of_commands_that_were_lost_meanwhile(self, leaps_at):
+        """Of one whose counter leaps once: what it received last it says as before."""
+        with stepped(mode=CommandMode.TORQUE, first_sequence=3000) as robot:
+            judged = pushing(robot)
+            wanted = TorqueCommand(torque=np.full(7, 100.0))
+            robot.arm.deaf = 10
+            for k in range(60):
+                if k == leaps_at:
+                    once(robot.arm, with_sequence(lambda sequence: sequence + 5000))
+                if not robot.receive().holding:
+                    robot.send(wanted)
+            torques = judged.torques()
+            step = np.abs(np.diff(torques, axis=0))
+            assert (step <= robot.spec.limits.torque_rate * 1e-3 * (1 + ROUNDING)).all()
+            assert not torques[-1].any()
 
     def test_takes_no_commands_before_that_is_over(self):
         with stepped() as robot:

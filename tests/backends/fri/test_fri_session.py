@@ -242,8 +242,14 @@ class TestAnswers:
     def test_of_a_session_before_are_forgotten(self):
         session = self.answered(3)
         session.take(packet(90_000))
-        session.take(packet(5, reflected=1))
+        session.take(packet(5, reflected=77))
         assert session.unconfirmed == 0
+
+    def test_are_known_still_where_only_the_count_of_packets_leaps(self):
+        session = self.answered(3)
+        session.take(packet(90_000))
+        session.take(packet(5, reflected=1))
+        assert session.unconfirmed == 1
 
     def test_are_counted_in_32_bits(self):
         session = RobotSession(0.01)

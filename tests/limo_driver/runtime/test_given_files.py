@@ -113,6 +113,11 @@ def wide(path):
         np.lib.format.write_array_header_1_0(array, shape)
 
 
+def many(path):
+    """Write more arrays than a log has, of a row each."""
+    np.savez_compressed(path, **{f"a{k}": np.zeros(1) for k in range(5000)})
+
+
 def computed(path):
     """Write a bag whose messages SQLite computes for ever."""
     with closing(sqlite3.connect(path)) as bag:
@@ -168,6 +173,7 @@ def nested(path):
     ("name", "write", "said"),
     [
         ("log.npz", wide, "holds no rows of numbers"),
+        ("log.npz", many, "has 5000 columns, expected at most 4096"),
         ("log.db3", computed, "a table is computed"),
         ("log.mat", packed, "more than 256 MiB of memory to read"),
         ("digits.json", lambda path: path.write_text(f'[{{"t": {"1" * 5000}}}]'), "thousands of"),

@@ -470,6 +470,13 @@ def test_texts_from_outside_cannot_become_markup(diagnosis):
     assert "</script><b>" not in page
 
 
+def test_joints_of_any_name_are_shown_as_text(diagnosis):
+    names = tuple(f"<img src=x>{j}</script>" for j in range(len(diagnosis.verdict.names)))
+    page = render(replace(diagnosis, verdict=replace(diagnosis.verdict, joint_names=names)))
+    assert "<img src=x>" not in page
+    assert "&lt;img src=x&gt;0" in page
+
+
 def test_a_consistent_verdict_has_no_findings_and_folds_every_joint(diagnosis):
     fit = replace(diagnosis.verdict.fit, reducible_error_removed=np.nan, ci95=(np.nan, np.nan))
     verdict = replace(
