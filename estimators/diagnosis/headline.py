@@ -189,7 +189,7 @@ def _groups(verdict: Verdict) -> list[list[Finding]]:
     """
     groups: dict[tuple[str, str], list[Finding]] = {}
     named = [item for item in verdict.findings if item.effect != UNKNOWN]
-    sure = [item for item in named if item.confidence >= WORDING.sure]
+    sure = [item for item in named if 2 * item.confidence >= 1.0]
     for item in sure or named:
         family = "friction" if _is_friction(item) else item.effect
         groups.setdefault((family, item.kind), []).append(item)

@@ -7,9 +7,8 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from estimators.diagnosis.settings import Z95
+from estimators.diagnosis.settings import NEARLY_ALL, Z95
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import HOLDING
 from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
@@ -136,7 +135,7 @@ class StatedValue:
         """Whether recordings leave less open than a tolerance does."""
         if self.ci95 is None or self.tolerance is None:
             return False
-        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * HOLDING.open * self.tolerance
+        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * NEARLY_ALL * self.tolerance
 
 
 @dataclass(frozen=True)

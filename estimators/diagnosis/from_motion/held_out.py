@@ -22,8 +22,8 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
-from estimators.diagnosis.settings import LEVEL, TAIL, Z95
-from estimators.diagnosis.settings.judgement import CONFIDENCE, VALUES
+from estimators.diagnosis.settings import LEVEL, MATTERS, TAIL, Z95
+from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
@@ -112,7 +112,7 @@ def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
         without: The same without it.
         folds: Parts of the motion among the rows, that were held out in turn.
     """
-    many, gain = _BLOCKS * folds, without - squared - VALUES.share * without
+    many, gain = _BLOCKS * folds, without - squared - MATTERS * without
     blocks = np.array([block.sum() for block in np.array_split(gain, many)])
     drawn = np.random.default_rng(0).integers(0, many, (_DRAWN, many))
     return min(CONFIDENCE.highest, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))

@@ -113,7 +113,7 @@ class _Wrench:
         """Whether every direction of its force is known to a part of the whole."""
         low, high = np.array(self.ci95[:3]).T
         force = float(np.linalg.norm(self.value[:3]))
-        return bool(np.max(high - low) / 2 < PUSHES.determined * force)
+        return bool(np.max(high - low) < force)
 
     @classmethod
     def of(

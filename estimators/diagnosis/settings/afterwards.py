@@ -45,7 +45,6 @@ class BINS:
         "more leave out what the motion seldom does; fewer draw noise")
     enough: int = setting(8, "rows", "with which a bin is shown, however many others have",
         "as above")
-    least: int = setting(3, "rows", "without which neither is shown", "as above")
     brightest: float = setting(98.0, "percentile", "of the cells of a map, at which colours end",
         "higher leaves the map pale; lower shows differences of large cells no more")
 
@@ -56,18 +55,12 @@ class LOOPS:
 
     duration: float = setting(8.0, "s", "of motion drawn as loops",
         "longer covers them with other loops; shorter shows part of one")
-    narrow: float = setting(0.05, "rad", "added to the range of such motion, which is to be small",
-        "larger shows long reaches, on which a loop is a line; smaller next to no motion")
-    turned: float = setting(0.95, "of its height", "at which hysteresis counts as turned over",
-        "only wording: higher calls loops wider, of laws that never end")
 
 
 @settings
 class WORDING:
     """What is worth a word (headline, wording, verdict, report)."""
 
-    sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
-        "only wording: higher says fewer names")
     pushes: int = setting(2, "pushes", "whose times a headline says", "only wording")
     listed: int = setting(3, "items", "that a sentence names, or a page shows at once",
         "only wording")
@@ -78,9 +71,6 @@ class WORDING:
     at_floor: float = setting(1.15, "noise floors", "up to which an error is at the floor",
         "only wording: higher calls small errors noise",
         chosen="the floor is an estimate itself")
-    at_step: float = setting(1.0, "steps of the encoder", "of error, up to which a joint is at it",
-        "only wording: higher calls small errors nothing",
-        chosen="a simulation of the very arm errs by up to 0.9: where it starts is known to a step")
     from_start: float = setting(1.0, "s", "after a free run begins, from which on that is asked",
         "longer leaves less to ask; shorter takes what an unknown start makes for physics")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",

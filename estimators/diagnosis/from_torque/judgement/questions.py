@@ -34,9 +34,9 @@ from estimators.diagnosis.from_torque.hypotheses.search import Search
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal_equations
 from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import LITTLE, MATTERS, TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import BLACK_BOX, GUESSES, JUDGEMENT, QUESTIONS
+from estimators.diagnosis.settings.judgement import BLACK_BOX, GUESSES, QUESTIONS
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
 from limo_driver.physics import GravityDirection, PreslidingHysteresis, TorqueGain
@@ -128,13 +128,13 @@ class _Questions:
         evidence = Evidence(self.products, self.nuisance)
         known = joined()
         gain, error = 0.0, self._error(known)
-        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, TINY)
+        reducible = max(error - self.floor, MATTERS * self.floor, TINY)
         tests: list[Test] = []
         for question, family in self.families:
             both = joined(known, family)
             more, less = evidence.gain(both), self._error(both)
             share = float(np.clip((error - less) / reducible, 0.0, 1.0))
-            yes = more - gain > QUESTIONS.least_evidence and share > QUESTIONS.least_share
+            yes = more - gain > QUESTIONS.least_evidence and share > LITTLE
             tests.append(Test(self.joint + 1, question, share, yes))
             if yes:
                 known, gain, error = both, more, less
@@ -254,7 +254,7 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
         return True
     # each element of a list may be nothing for the sake of its neighbours, but hardly all of them
     several = any(np.size(interval.value) > 1 for interval, _ in pairs)
-    return several and stated is None and item.signs.get("material", 0.0) >= JUDGEMENT.small
+    return several and stated is None and item.signs.get("material", 0.0) >= 1.0
 
 
 def _leaves_out(interval: Interval, was: Any) -> bool:  # noqa: ANN401  # of any parameter
@@ -282,7 +282,7 @@ def with_guesses(simulation: Simulation, recordings: Sequence[Recording]) -> Sim
     if "gain" not in known.assumed or not any(map(are_currents, recordings)):
         return simulation
     stated = known.stated if known.stated is not None else known.all_names - known.usual
-    return replace(simulation, tolerances=replace(known, gain=GUESSES.gain, stated=stated))
+    return replace(simulation, tolerances=replace(known, gain=MATTERS, stated=stated))
 
 
 def are_currents(recording: Recording) -> bool:
@@ -338,11 +338,9 @@ def _guesses(known: Tolerances) -> Iterator[_Guess]:
     for name in ("inertia", "friction"):
         width = getattr(known, name)
         if name in known.assumed and width:
-            yield from (
-                _Guess(name, times, times * width) for times in (1 / GUESSES.times, GUESSES.times)
-            )
+            yield from (_Guess(name, times, times * width) for times in (0.5, 2.0))
     if "gain" in known.assumed and not known.gain:
-        yield _Guess("gain", 1.0, GUESSES.gain)
+        yield _Guess("gain", 1.0, MATTERS)
 
 
 def _sought(problem: RegressionProblem, solution: Solution, guess: _Guess) -> set[_Place]:

@@ -23,7 +23,7 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings import DEPENDENT, ROUNDING, TINY
+from estimators.diagnosis.settings import DEPENDENT, MATTERS, ROUNDING, TINY
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.residuals import MISTAKES, MOUNTING, PLAUSIBILITY
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
@@ -98,7 +98,7 @@ def by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     Joints whose load is small beside their torque are neither.
     """
     expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
-    foreign = usual_misfit(BodyFit.of(sample)) > PLAUSIBILITY.foreign
+    foreign = 2 * usual_misfit(BodyFit.of(sample)) > 1
     return np.flatnonzero(foreign & expected), np.flatnonzero(~foreign & expected)
 
 
@@ -255,7 +255,7 @@ def as_mounted(observed: Observations) -> Observations:
         return observed
     turned = observed.under(_under(simulation, _nearest(found / share)))
     before, after = (_misfit(item) for item in (observed, turned))
-    return turned if after < MOUNTING.better * before else observed
+    return turned if after < 0.5 * before else observed
 
 
 def with_mounting(verdict: Verdict, given: Observations, mounted: Observations) -> Verdict:
@@ -352,7 +352,7 @@ def _gravity_of(observed: Observations) -> FloatArray | None:
     change = np.linalg.solve(gram, right)
     left = max(energy - float(change @ right), 0.0)
     spread = np.sqrt(left * MOUNTING.alike / (used * turns[0]))
-    if spread > MOUNTING.sure * size:
+    if spread > MATTERS * size:
         return None
     return (np.array(body.gravity) + change).astype(np.float64)
 

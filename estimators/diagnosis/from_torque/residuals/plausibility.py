@@ -40,6 +40,7 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
     without_torque,
 )
 from estimators.diagnosis.quantities import listed, of_joints
+from estimators.diagnosis.settings import FAR, FEW, LITTLE, MATTERS
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
 from estimators.rigid_body.regressor import PER_LINK
@@ -306,13 +307,13 @@ def found_in(sample: RowSample) -> list[Mistake]:
     """
     known = [*mistakes(sample.body.sliding), *stuck(sample)]
     found: list[Mistake] = []
-    while len(found) < PLAUSIBILITY.most and sample.misfit.max() > PLAUSIBILITY.strange:
+    while sample.misfit.max() > MATTERS:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]
         mistake, best = min(
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
-            key=lambda pair: round(_change(sample, pair[1]), PLAUSIBILITY.digits),
+            key=lambda pair: round(_change(sample, pair[1]), 2),
         )
-        better = _change(sample, best) < -np.log(PLAUSIBILITY.better)
+        better = _change(sample, best) < -np.log(FAR)
         if not (better and _mended(sample, best).any()):
             break
         loaded = without_payload(sample)  # a load that nobody stated may explain more, if it does
@@ -328,7 +329,7 @@ def _spoils(mistake: Mistake, before: RowSample, after: RowSample) -> bool:
 
     Of a gear that holds its load by friction gravity seems taken out; another joint shows it.
     """
-    limit = np.maximum(PLAUSIBILITY.strange, PLAUSIBILITY.spoilt * before.misfit)
+    limit = np.maximum(MATTERS, PLAUSIBILITY.spoilt * before.misfit)
     spoilt = (before.misfit < PLAUSIBILITY.fits) & (after.misfit > limit)
     return mistake.is_of_all and bool(spoilt.any())
 
@@ -349,8 +350,8 @@ def _change(before: RowSample, after: RowSample) -> float:
 
 def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:
     """Mark the strange joints that undoing a mistake makes fit, (n,)."""
-    strange = after.judged & (before.misfit > PLAUSIBILITY.strange)
-    better = PLAUSIBILITY.better * after.misfit < before.misfit
+    strange = after.judged & (before.misfit > MATTERS)
+    better = FAR * after.misfit < before.misfit
     return strange & better & (after.misfit < PLAUSIBILITY.fits)
 
 
@@ -386,10 +387,8 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
             given = np.minimum(given, fit.misfit(own))
-    least = max(
-        PLAUSIBILITY.apart, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia
-    )
+    least = max(LITTLE, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia)
     joints = np.flatnonzero((given > least) & (PLAUSIBILITY.much_better * free < given))
-    if joints.size < PLAUSIBILITY.many or found_in(sample):  # a mounting looks like negative masses
+    if joints.size < FEW or found_in(sample):  # a mounting looks like negative masses
         return ()
     return tuple(joints.tolist())
