@@ -130,11 +130,11 @@ def run(variant: str, real: Path, concealed: Sequence[Path], out: Path) -> None:
     path = _file(out, variant)
     rows: list[Row] = json.loads(path.read_text()) if path.exists() else []
     known = {row["case"] for row in rows}
-    scorer = scorer(real)
+    rules = scorer(real)
     hidden = sorted(c.parents[1] for f in concealed for c in f.glob("*/hidden/truth.json"))
     for case in sorted(path.parent for path in real.glob("*/truth.json")):
         if case.name not in known:
-            rows.append(_of_real(scorer.run(case, out / path.stem, (), 0.0, False, False)))
+            rows.append(_of_real(rules.run(case, out / path.stem, (), 0.0, False, False)))
             print(rows[-1], flush=True)
             path.write_text(json.dumps(rows, indent=1))
     for case in hidden if variant in PARTS else ():

@@ -7,8 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from estimators.diagnosis.settings import NEARLY_ALL, Z95
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings import LITTLE, NEARLY_ALL, Z95
 from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
@@ -209,7 +208,7 @@ class Fit:
         """
         pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
         return tuple(
-            j for j, (given, moved) in enumerate(pairs, start=1) if moved > WORDING.worse * given
+            j for j, (given, moved) in enumerate(pairs, start=1) if moved > (1 + LITTLE) * given
         )
 
 

@@ -30,23 +30,18 @@ class RIPPLE:
     neighbours: int = setting(61, "grid points",
         "whose median is the level that a line stands out from",
         "more blur a coloured level; fewer let a line raise its own")
-    passed: float = setting(0.25, "", "gain of the filter below which a row does not count",
-        "higher uses fewer rows; lower divides by nearly nothing")
     shape: int = setting(8, "knots", "of the dependence on position that is taken out first",
         "more take slow lines out; fewer leave shapes that look like lines")
-    few_periods: tuple[float, float] = setting((1.5, 6.0), "",
-        "of such a line over the range of a joint",
-        "wider finds shapes; narrower misses slow lines")
-    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
-        "lower finds shapes; higher misses weak lines")
-    bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
-        "wider counts where it hardly is; narrower leaves out ends at which it turns")
     around: int = setting(5, "grid points",
         "at which a line is sought around one near it, and times that this grid is then narrower",
         "more cost time; fewer leave a parabola too little")
+    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
+    bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
+        "wider counts where it hardly is; narrower leaves out ends at which it turns")
+    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
+        "lower finds shapes; higher misses weak lines")
     stays: float = setting(0.01, "grid points", "by which a line moves that stays",
         "smaller costs time")
-    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
     burst: float = setting(6.0, "median deviations", "beyond which a residual is clipped",
         "more let a burst look like all lines; fewer clip lines")
 
@@ -55,10 +50,6 @@ class RIPPLE:
 class REVISION:
     """Steps in which a stated value moves (hypotheses.revision, improvement)."""
 
-    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
-        "larger lets small bodies move far; smaller holds them")
-    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
-        "numerical: inertia is quadratic in it")
     products: float = setting(0.3, "of the root of the product of two moments",
         "1 sigma of a product of inertia, before the tolerance of the body",
         "larger lets bodies tilt; smaller holds the axes that are stated")
@@ -66,14 +57,18 @@ class REVISION:
         "larger adds inertia that nobody saw; smaller makes a point of it")
     wider: float = setting(5.0, "times", "at most, in one revision, and its inverse at least",
         "larger leaves what is linear; smaller needs more rounds")
-    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
-        "smaller makes gears stiff without bound; larger needs more rounds")
-    steps: int = setting(9, "",
-        "from the inertia that was found to the nominal one, of which the first that can be is "
-        "taken", "more cost time; fewer go farther back than needed")
     shorter: int = setting(6, "halvings",
         "of a change after which no body that can be is where the arm is, until it is dropped",
         "more keep small parts of what cannot be; fewer drop more")
+    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
+        "smaller makes gears stiff without bound; larger needs more rounds")
+    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
+        "larger lets small bodies move far; smaller holds them")
+    steps: int = setting(9, "",
+        "from the inertia that was found to the nominal one, of which the first that can be is "
+        "taken", "more cost time; fewer go farther back than needed")
+    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
+        "numerical: inertia is quadratic in it")
 
 
 
@@ -98,21 +93,19 @@ class CANDIDATES:
         "higher misses small effects; lower gives false alarms",
         chosen=("by judgement, above the log of the some hundred effects at places that compete "
                 "(4.6 nat)"))
+    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
+        "larger costs small payloads evidence; smaller large ones",
+        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
+    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
     sharper: tuple[float, ...] = setting((0.1, 0.3, 3.0), "times the stated width",
         "over which dry friction that changes may turn its sign",
         "more cost time and chance; fewer leave friction to what happens to be as sharp",
         chosen=("2.1 N m that turn over 0.01 rad/s, beside 0.46 N m stated over 0.05, were called "
                 "a coupling, which brought 405 nat where friction as stated brought 34"))
-    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
     parts_of_body: tuple[float, ...] = setting((1.0, 0.125), "of its 1 sigma",
         "that a body that is missing or wrong is expected to be",
         "more cost time and chance; fewer cost small bodies evidence",
         chosen="a load of 50 g cost 35 nat as one of 2 kg, and was called unknown")
-    together: int = setting(20, "hypotheses", "that pass the filter in one go",
-        "more need memory; fewer cost time")
-    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
-        "larger costs small payloads evidence; smaller large ones",
-        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
 
 
 @settings
@@ -126,19 +119,6 @@ class TOLERATED:
         "larger hides offsets; smaller finds offsets that are the sensor")
     width: float = setting(0.7, "relative", "1 sigma of the width of a smoothed sign",
         "larger hides friction laws; smaller takes widths for physics")
-
-
-@settings
-class BASE_FRICTION:
-    """Friction that a bare description lacks (selection.base_friction)."""
-
-    narrowest: float = setting(2.5e-4, "rad/s", "width of a sign that is tried",
-        "narrower cannot be told from a step")
-    widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
-        "wider is viscous friction by another name")
-    widths: int = setting(6, "", "that are tried, evenly in their logarithm", "more cost time")
-
-
 
 
 @settings
@@ -175,13 +155,13 @@ class LATENESS:
 class NEWTON:
     """Gauss-Newton of all that was found (fitting.linearised)."""
 
-    block: float = setting(2.0, "s", "over which scores are summed for intervals",
-        "longer leaves few blocks; shorter takes errors for independent")
     rounds: int = setting(5, "", "at most", "more cost time; fewer stop short")
-    slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
-        "higher lets errors grow that are alike in time; lower stops at noise")
     shorter: int = setting(2, "halvings", "of a step, that are tried",
         "more cost time; fewer give up where a full step is too far")
+    block: float = setting(2.0, "s", "over which scores are summed for intervals",
+        "longer leaves few blocks; shorter takes errors for independent")
+    slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
+        "higher lets errors grow that are alike in time; lower stops at noise")
 
 
 @settings
@@ -191,10 +171,6 @@ class CONTRIBUTION:
     material: float = setting(0.5, "errors left",
         "that a finding has to take off the error of some joint",
         "higher names less; lower names what hardly matters")
-    felt: float = setting(0.2, "errors left",
-        "that friction takes off them at least, of a law that merely fits better",
-        "higher leaves laws to what is plainer; lower has friction where a torque has none",
-        chosen="2 % of what is left; 0.001 N m of chance beside a noise of 0.02 took off 0.1")
     most: float = setting(0.6, "of the evidence for a finding",
         "that a simpler one in its place has to bring",
         "higher keeps laws with many parameters; lower gives names to what only resembles")
@@ -204,22 +180,10 @@ class CONTRIBUTION:
         "more at the limit of their tolerances without a finding that is to be believed for that",
         "lower names what one wrong statement feigns; higher misses small bodies in short motion",
         chosen="of values that are off as stated, that many are so once in ten million arms")
-
-
-@settings
-class LAWS:
-    """Laws of one effect (fitting.laws)."""
-
-    refinable: float = setting(100.0, "nat",
-        "that a refinement may make up for, where no law has a name",
-        "higher costs time; lower leaves out what would have been best")
-    carried: float = setting(0.02, "of the friction of all springs",
-        "that one of the grid has to carry, to be among these",
-        "lower refines shares of noise; higher loses the last width")
-    recorded: float = setting(0.2, "of the impacts of a play",
-        "that have to be in the torque above the bandwidth, as sharp and that way",
-        "higher loses play whose drive recoils; lower takes other jumps for impacts",
-        chosen="0.38 of a damped play's, at most 0.06 of five that stood for other friction")
+    felt: float = setting(0.2, "errors left",
+        "that friction takes off them at least, of a law that merely fits better",
+        "higher leaves laws to what is plainer; lower has friction where a torque has none",
+        chosen="2 % of what is left; 0.001 N m of chance beside a noise of 0.02 took off 0.1")
 
 
 @settings
@@ -228,11 +192,23 @@ class REFINEMENT:
 
     evaluations: int = setting(60, "", "of the evidence, at most",
         "more cost time; fewer stop short")
-    inside: float = setting(0.02, "of the range of a setting",
-        "from either of its ends, that the search begins at least",
-        "larger begins farther from what was tried; smaller leaves a first step no room")
+    rejected: float = setting(1e6, "", "objective where no column comes out",
+        "numerical: worse than any")
     tolerance: float = setting(3e-3, "of the range of a setting",
         "within which all that is tried lies once it stops",
         "smaller costs time; larger stops short")
-    rejected: float = setting(1e6, "", "objective where no column comes out",
-        "numerical: worse than any")
+    inside: float = setting(0.02, "of the range of a setting",
+        "from either of its ends, that the search begins at least",
+        "larger begins farther from what was tried; smaller leaves a first step no room")
+
+
+@settings
+class LAWS:
+    """Laws of one effect (fitting.laws)."""
+
+    carried: float = setting(0.02, "of the friction of all springs",
+        "that one of the grid has to carry, to be among these",
+        "lower refines shares of noise; higher loses the last width")
+    refinable: float = setting(100.0, "nat",
+        "that a refinement may make up for, where no law has a name",
+        "higher costs time; lower leaves out what would have been best")

@@ -30,14 +30,14 @@ class ROWS:
     dwell: float = setting(5.0, "1/bandwidth", "of such slow motion that is a rest",
         "longer fits friction that holds anything; shorter leaves out reversals, and presliding",
         chosen="presliding of two real arms was lost where such reversals were left out")
-    even: float = setting(1e-4, "sample periods",
-        "deviation from an even grid that does not matter",
-        "larger skips resampling that would be needed; smaller resamples for rounding")
-    difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
-        "larger is less exact; smaller loses digits")
     travel: float = setting(0.05, "rad",
         "of a joint that counts as moving, or m of one that slides",
         "more leaves out small motion; less asks joints at rest")
+    difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
+        "larger is less exact; smaller loses digits")
+    even: float = setting(1e-4, "sample periods",
+        "deviation from an even grid that does not matter",
+        "larger skips resampling that would be needed; smaller resamples for rounding")
 
 
 @settings
@@ -46,12 +46,12 @@ class NOISE:
 
     order: int = setting(3, "rows", "before, from which an error is predicted",
         "more fits noise; fewer leaves errors alike, which look like physics")
-    least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
-        "larger hides what exact torques show; smaller takes rounding for physics",
-        chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
     strongest: float = setting(0.97, "", "reflection, at most",
         "higher remembers longer and takes slow physics for noise; lower whitens less",
         chosen="so that errors forget within some fifty rows")
+    least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
+        "larger hides what exact torques show; smaller takes rounding for physics",
+        chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
 
 
 @settings
@@ -94,48 +94,19 @@ class REPEATS:
 
     near: float = setting(0.02, "rad", "RMS by which their positions may differ",
         "larger pairs other motion; smaller misses repeats")
-    exact: float = setting(1e-5, "s", "to which the delay between them is sought",
-        "smaller costs time; larger leaves what differs by it")
-    fewest: int = setting(8, "rows", "of a recording",
-        "more overlook short repeats; fewer cannot be compared")
 
 
 @settings
 class PLAUSIBILITY:
     """Torques that cannot be of that motion (residuals.plausibility)."""
 
-    fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
-        "higher takes poor mending for a mistake; lower lets mistakes pass")
-    spoilt: float = setting(1.5, "times",
-        "the misfit of a joint that fits, above which no mistake of all joints is undone",
-        "higher refuses arms whose wrist holds its load by friction; lower lets mistakes pass",
-        chosen="1.8 to 2.0 at the shoulder of a real arm whose wrist holds its load by friction")
     scale: float = setting(12.0, "times", "a sensor may be off",
         "higher lets wrong units of one joint pass; lower refuses wrong gains")
     scale_of_all: float = setting(4.0, "times", "all sensors together may be off",
         "higher lets wrong units pass; lower refuses wrong masses")
-    alike: float = setting(0.8, "correlation", "of two torques that differ in their scale",
-        "lower finds exchanges that are none; higher misses them")
     beyond_friction: float = setting(0.01, "of the square of a simulated torque",
         "that is no friction, from which its scale is judged",
         "higher lets wrong units of joints that mostly rub pass; lower refuses unknown friction")
-    expected: float = setting(0.25, "of the torque",
-        "that the load should make, if its lack is to tell",
-        "lower judges where there is no load; higher judges seldom")
-    light: float = setting(0.2, "of the load", "below which a torque is asked about",
-        "higher asks about balanced joints; lower lets another unit bend the bodies",
-        chosen="0.55 and more on the arms of the real recordings")
-    idle: float = setting(0.7, "of a small torque",
-        "that neither load nor friction explains where a drive has no power",
-        "higher takes noise for torque; lower leaves out joints that are balanced",
-        chosen="0.80 and 0.94 at two joints of small drives without power")
-    apart_sigmas: float = setting(2.5, "tolerances of inertia", "the same, where those are wide",
-        "as above")
-    much_better: float = setting(5.0, "times",
-        "that a free rigid body fits better than the given one",
-        "lower asks for another arm too often; higher seldom")
-    negligible: float = setting(0.03, "misfit", "of which smaller ones are all good",
-        "larger sees no difference between good fits; smaller prefers by noise")
 
 
 @settings
@@ -147,8 +118,6 @@ class MISTAKES:
     rows: int = setting(1500, "", "that are enough to judge by", "more cost time")
     rows_to_turn: int = setting(400, "", "the same, where all angles of a joint are tried",
         "more cost time")
-    left: float = setting(0.7, "of the recorded torque", "that may be left beside its gravity",
-        "higher puts gravity back where it was not taken out; lower misses that it was")
     angles: int = setting(120, "", "of a joint that are tried, over a turn",
         "more cost time; fewer miss the zero")
 
@@ -160,8 +129,6 @@ class MOUNTING:
     least: float = setting(15.0, "degrees", "that its base is turned by",
         "higher leaves large tilts to effects that are linear in them; lower takes a wrong body "
         "for a tilt")
-    size: float = setting(1.4, "times", "the gravity that fits best may be off in size",
-        "higher takes wrong masses for a turned base; lower overlooks turned arms with a payload")
     square: float = setting(4.0, "degrees", "from an axis of the base that are none",
         "higher takes tilts for walls; lower takes what a fit is off by for a tilt")
     alike: float = setting(30.0, "rows", "whose errors are one independent error",

@@ -28,7 +28,8 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
+from estimators.diagnosis.settings import SOME
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
 from limo_driver.physics.effect import MotionEffect
@@ -252,7 +253,7 @@ def _not_recorded(
         agrees = np.add.reduceat(of_law * recorded, starts) > 0
         stands_out = impact > 2.0 * np.median(highest)
         seen = agrees & (highest >= impact)
-        few = np.sum(seen[stands_out]) < LAWS.recorded * np.sum(stands_out)
+        few = np.sum(seen[stands_out]) < SOME * np.sum(stands_out)
         if few and np.sum(of_law**2) > np.sum(recorded**2):
             found.add((effect.name, tuple(own)))
     return found & {problem.candidates[member].place for member in solution.members}

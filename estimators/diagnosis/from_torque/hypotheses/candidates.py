@@ -24,7 +24,7 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     stacked,
 )
 from estimators.diagnosis.settings import MATTERS, TINY
-from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION
+from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION, RIPPLE
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
@@ -108,8 +108,8 @@ def candidates_of(
         if (hypothesis.effect, hypothesis.joints) not in revised
         and not (hypothesis.effect == TorqueGain.name and hypothesis.joints[0] in untold)
     ]
-    for start in range(0, len(competing), CANDIDATES.together):
-        some = competing[start : start + CANDIDATES.together]
+    for start in range(0, len(competing), RIPPLE.block):
+        some = competing[start : start + RIPPLE.block]
         parts = iter(responses([term for item in some for term in item.terms], observed))
         for hypothesis in some:
             own = [next(parts) for _ in hypothesis.terms]

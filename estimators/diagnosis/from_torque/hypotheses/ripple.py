@@ -13,7 +13,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
-from estimators.diagnosis.settings import DEPENDENT, FEW, LITTLE, TINY
+from estimators.diagnosis.settings import (
+    DEPENDENT,
+    FEW,
+    LITTLE,
+    SOME,
+    TINY,
+)
 from estimators.diagnosis.settings.fitting import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.filters.differentiation import ORDER
@@ -154,7 +160,7 @@ class _Angle:
         """Return what the filter leaves of a line at each row, (R,)."""
         ratio = self.speed * (cycles / (2 * np.pi * self.bandwidth))
         gain = 1.0 / (1.0 + (ratio * ratio) ** ORDER)
-        gain[gain < RIPPLE.passed] = 0.0
+        gain[gain < SOME] = 0.0
         return gain
 
     def power(self, first: float, step: float, count: int) -> Spectrum:
@@ -167,10 +173,10 @@ class _Angle:
             step,
             count,
             self.bandwidth,
-            RIPPLE.passed,
+            SOME,
             RIPPLE.block,
         )
-        enough = rows > RIPPLE.passed * self.position.size
+        enough = rows > SOME * self.position.size
         amount = np.where(enough, cosine**2 + sine**2, 0.0)
         cycles = first + step * np.arange(count, dtype=np.float64)
         return Spectrum(cycles, amount, np.maximum(noise, TINY**2))
@@ -326,7 +332,8 @@ def _slow_line(angle: _Angle) -> float | None:
     if not 0 < angle.range <= angle.way:
         return None
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
+    few = RIPPLE.least_periods * np.array([0.5, 2.0])
+    near = step * np.arange(*(RIPPLE.oversampling * few))
     energy = [angle.left(float(cycles)) for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
     return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None

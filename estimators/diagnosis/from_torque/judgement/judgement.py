@@ -26,7 +26,7 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
-from estimators.diagnosis.settings import MOST
+from estimators.diagnosis.settings import FINE, MOST, Z95
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SEARCH
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
@@ -86,7 +86,7 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
-    smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
+    smooth = ratio > np.maximum(JUDGEMENT.smoother * usual, JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
     return RemainingResidual(
@@ -339,7 +339,7 @@ def trusted_gains(
 
 
 def _moved(shift: Shift) -> str:
-    limit = " (its limit)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
+    limit = " (its limit)" if abs(shift.sigmas) > REACH - FINE else ""
     return f"{shift.name} by {shift.sigmas:+.1f} standard deviations{limit}"
 
 
@@ -352,11 +352,9 @@ def remarks(
     recordings: int = 1,
 ) -> Iterator[str]:
     """Yield notes on the fit, one sentence each."""
-    sensed = [
-        shift
-        for shift in shifts
-        if " of sensor " in shift.name and abs(shift.sigmas) > JUDGEMENT.worth_a_word
-    ][:3]
+    sensed = [shift for shift in shifts if " of sensor " in shift.name and abs(shift.sigmas) > Z95][
+        :3
+    ]
     if sensed and not harmful:
         yield (
             f"The fit also moved what sensors may be off by: {'; '.join(map(_moved, sensed))}. "

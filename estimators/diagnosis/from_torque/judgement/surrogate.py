@@ -15,8 +15,8 @@ import numpy as np
 from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
 from estimators.diagnosis.held_out import block_of
 from estimators.diagnosis.quantities import rounded
-from estimators.diagnosis.settings import FEW, MOST, NEARLY_ALL, TINY
-from estimators.diagnosis.settings.judgement import BLACK_BOX, PUSHES, REGION
+from estimators.diagnosis.settings import FEW, MOST, NEARLY_ALL, SOME, TINY
+from estimators.diagnosis.settings.judgement import BLACK_BOX, PUSHES
 from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
@@ -79,8 +79,7 @@ def _features(observed: Observations, j: int) -> FloatArray:
     sign = np.tanh(v / BLACK_BOX.speeds[0])
     own = [np.tanh(v / speed) for speed in np.geomspace(*BLACK_BOX.speeds)]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    stops = [PreslidingHysteresis.stop(j + 1, width) for width in np.geomspace(*BLACK_BOX.widths)]
-    own += [over_joint(stop, observed) for stop in stops]
+    own += stops(observed, j)
     waves = [f(k * q) for k in range(1, FEW + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * np.abs(load[:, k]) for k in range(observed.n)]
@@ -94,6 +93,12 @@ def _features(observed: Observations, j: int) -> FloatArray:
     hats = _hats(observed)
     slow_sign = filtered[:, :1]
     return np.concatenate([filtered, hats, slow_sign * hats], axis=1)
+
+
+def stops(observed: Observations, j: int) -> list[FloatArray]:
+    """Return friction of a joint (0-based) that builds up over the ways that its rows show."""
+    widths = np.geomspace(*BLACK_BOX.widths)
+    return [over_joint(PreslidingHysteresis.stop(j + 1, width), observed) for width in widths]
 
 
 def _rested(observed: Observations, j: int) -> FloatArray:
@@ -173,7 +178,7 @@ def _range(position: FloatArray, energy: FloatArray, unit: str) -> list[str]:
     """Say which narrow range of positions (R,), in this unit, has half the energy, if one does."""
     order = np.argsort(position, kind="stable")
     first, last = _narrowest(energy[order], 0.5)
-    if (last - first) > REGION.part * len(order):
+    if (last - first) > SOME * len(order):
         return []
     low, high = position[order][[first, last - 1]]
     return [f"near one position (half of it between {low:.3f} and {high:.3f} {unit})"]
@@ -198,7 +203,7 @@ def _stretches(
         used += last - first
         time = observed.slow.time[rows[own[[first, last - 1]]]]
         found.append((int(recording) + 1, (float(time[0]), float(time[1]))))
-    if used > REGION.brief * len(rows):
+    if used > SOME * len(rows):
         return (), ()
     return tuple(k for k, _ in sorted(found)), tuple(time for _, time in sorted(found))
 

@@ -44,9 +44,9 @@ from estimators.diagnosis.from_torque.residuals.noise import usual_error, usual_
 from estimators.diagnosis.from_torque.residuals.pushes import Push, TimeSpan, covered, overlap
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.quantities import listed, rounded
-from estimators.diagnosis.settings import FEW, LEVEL, NEARLY_ALL, TINY
+from estimators.diagnosis.settings import FEW, LEVEL, MOST, NEARLY_ALL, OUTLYING, TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import IMPACTS, JOLTS, PUSHES
+from estimators.diagnosis.settings.judgement import JOLTS, PUSHES
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ def jolts(
     errors = np.where(
         steady & known, np.abs(residual) / np.maximum(usual, observed.least_noise), 0.0
     )
-    large = errors > JOLTS.outstanding
+    large = errors > OUTLYING
     rows = np.flatnonzero(large.sum(axis=1) > 1)
     if not rows.size or rows.size > JOLTS.most * np.count_nonzero(steady.any(axis=1)):
         return ()
@@ -243,7 +243,7 @@ def impacts(
     usual[~observed.moving.any(axis=0)] = np.inf
     errors = residual / usual
     explained = np.array([_explained(observed, errors, usual, event) for event in events])
-    explained[explained < IMPACTS.alike] = 0.0
+    explained[explained < MOST] = 0.0
     explained *= np.array([_load_changes(observed, event) for event in events])
     joints = np.full(len(events), -1)
     while True:  # one joint after the other, first the one that explains most

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.diagnosis.settings import FEW, TINY
+from estimators.diagnosis.settings import FEW, MOST, TINY
 from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.model.units import unit_of
 from limo_driver.types import Motion
@@ -292,7 +292,7 @@ def _weighed(sample: RowSample) -> RowSample:
     gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
     weighed = replace(sample, torque=sample.torque + gravity)
     left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
-    return weighed if np.linalg.norm(left) < MISTAKES.left * np.linalg.norm(recorded) else sample
+    return weighed if np.linalg.norm(left) < MOST * np.linalg.norm(recorded) else sample
 
 
 def mounted_otherwise(gravity: FloatArray) -> str:

@@ -22,8 +22,8 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import rounded
-from estimators.diagnosis.settings import LITTLE, ROUNDING
-from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, REPEATS, ROWS
+from estimators.diagnosis.settings import FINE, LITTLE, MOST, ROUNDING, SOME
+from estimators.diagnosis.settings.residuals import MISTAKES, REPEATS, ROWS
 from estimators.regression.evidence import REACH
 from limo_driver.physics.effects.friction import SIGN_WIDTH
 
@@ -93,7 +93,7 @@ def without_effort(observed: Observations) -> tuple[int, ...]:
     # whether its torque counts by now or not: `observed.faster` is of those that do
     fast = np.abs(observed.slow.velocity) > ROWS.rest * observed.sign_width
     found = list[int]()
-    for j in np.flatnonzero(torque < PLAUSIBILITY.light * load).tolist():
+    for j in np.flatnonzero(torque < SOME * load).tolist():
         use = np.flatnonzero(fast[:, j])
         if use.size < MISTAKES.least_moving:
             continue
@@ -103,7 +103,7 @@ def without_effort(observed: Observations) -> tuple[int, ...]:
         columns = np.column_stack([np.ones(own.size), motion.position[:, j], its_load, friction])
         left = own - columns @ np.linalg.lstsq(columns, own, rcond=None)[0]
         unexplained = np.sum(left**2) / (own.size - columns.shape[1])
-        if unexplained > PLAUSIBILITY.idle**2 * np.var(own):
+        if unexplained > MOST**2 * np.var(own):
             found.append(j)
     return tuple(found)
 
@@ -156,7 +156,7 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
 def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -> Repeat | None:
     """Lay one recording over another; None if they are of different motions."""
     rows, others = (np.flatnonzero(observed.recording == k) for k in (first, second))
-    if min(rows.size, others.size) < REPEATS.fewest:
+    if min(rows.size, others.size) < MISTAKES.least_moving:
         return None
     slow = observed.slow
     moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.rest * SIGN_WIDTH
@@ -175,7 +175,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
         return float(np.mean((position(there) - slow.position[rows[known]]) ** 2))
 
     coarse, period = _delay(observed, rows, others), observed.row_period
-    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=REPEATS.exact)
+    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=FINE * period)
     delay = float(np.asarray(best).item())
     if not moves.any() or np.sqrt(apart(delay)) > REPEATS.near:
         return None
