@@ -114,7 +114,7 @@ PARTS: dict[str, Change] = {
 CHOSEN: dict[str, Sequence[float]] = {  # values beside the one that stands
     "fitting.CONTRIBUTION.material": (0.35, 0.7),
     "judgement.JUDGEMENT.precise": (0.98, 0.995),
-    "fitting.CANDIDATES.seldom": (0.03, 0.3),
+    "fitting.CANDIDATES.payload": (0.03, 0.3),
 }
 VALUES = {
     f"{name} = {value:g}": Change({name: value}, {})

@@ -21,6 +21,7 @@ from estimators.diagnosis.quantities import (
     unit_of,
     values_listed,
 )
+from estimators.diagnosis.settings import HALF
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, LINK_INERTIA, UNKNOWN, Interval
 from limo_driver.physics import (
@@ -188,7 +189,7 @@ def _groups(verdict: Verdict) -> list[list[Finding]]:
     """
     groups: dict[tuple[str, str], list[Finding]] = {}
     named = [item for item in verdict.findings if item.effect != UNKNOWN]
-    sure = [item for item in named if item.confidence >= WORDING.sure]
+    sure = [item for item in named if item.confidence >= HALF]
     for item in sure or named:
         family = "friction" if _is_friction(item) else item.effect
         groups.setdefault((family, item.kind), []).append(item)
@@ -260,7 +261,7 @@ def _main(item: Finding) -> Interval | None:
 
 def _pushed(item: Finding) -> str:
     windows = item.where.time
-    if not 0 < len(windows) <= WORDING.pushes:
+    if not 0 < len(windows) <= WORDING.listed:
         return f"something pushed the arm {len(windows)} times"
     return f"something pushed the arm at {' and '.join(f'{a:.1f} s' for a, _ in windows)}"
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from estimators.diagnosis.settings import ROUNDING, TAIL
+from estimators.diagnosis.settings import FINE, LITTLE, ROUNDING, TAIL
 from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 
 if TYPE_CHECKING:
@@ -120,10 +120,10 @@ def of_another_kind(observed: Observed) -> tuple[str, tuple[NDArray[np.bool_], .
         return sums / count
 
     position, speed = observed.slow.position, np.abs(observed.slow.velocity)
-    scaled = position / np.maximum(position.std(axis=0), ELSEWHERE.still)
+    scaled = position / np.maximum(position.std(axis=0), FINE)
     poses = mean(scaled - scaled.mean(axis=0))
     along = poses @ np.linalg.svd(poses, full_matrices=False)[2][0]
-    pace = mean(speed / np.maximum(speed.mean(axis=0), ELSEWHERE.still)).sum(axis=1)
+    pace = mean(speed / np.maximum(speed.mean(axis=0), FINE)).sum(axis=1)
     many = max(1, round(len(count) / ELSEWHERE.turns))
     chosen = [np.argsort(key, kind="stable")[:many] for key in (-pace, pace, along, -along)]
     return "blocks of other speeds and poses", tuple(np.isin(block, some) for some in chosen)
@@ -136,7 +136,7 @@ def guard_of(duration: float, bandwidth: float) -> float:
         duration: Of the recording [s]; a short one cannot spare as much as a long one.
         bandwidth: Of the filter, which must not reach across [Hz].
     """
-    return max(min(HELD_OUT.guard, HELD_OUT.guard_part * duration), HELD_OUT.reach / bandwidth)
+    return max(min(HELD_OUT.guard, HELD_OUT.guard_part * duration), 2 / bandwidth)
 
 
 def block_of(observed: Observed, longest: float) -> FloatArray:
@@ -152,7 +152,7 @@ def block_of(observed: Observed, longest: float) -> FloatArray:
 
 def block_length(recording: Recording, longest: float = HELD_OUT.block) -> float:
     """Return how long the blocks are that are taken as a whole [s], of so long a recording."""
-    return min(longest, recording.duration / HELD_OUT.fewest)
+    return min(longest, recording.duration / (2 * HELD_OUT.blocks))
 
 
 def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
@@ -163,7 +163,7 @@ def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
 def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) -> float:
     """Return the part of the reducible error Σ (RMSE² - floor²) that is gone."""
     reducible = float(np.sum(np.maximum(before**2 - floor**2, 0.0)))
-    if reducible <= HELD_OUT.nothing * float(np.sum(floor**2)):
+    if reducible <= LITTLE * float(np.sum(floor**2)):
         return 0.0
     gone = np.maximum(before, floor) ** 2 - np.maximum(after, floor) ** 2
     return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))

@@ -7,9 +7,7 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
 
-from estimators.diagnosis.settings import Z95
-from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import HOLDING
+from estimators.diagnosis.settings import LITTLE, NEARLY_ALL, Z95
 from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import ArmEffect, BodyEffect, display_name
@@ -136,7 +134,7 @@ class StatedValue:
         """Whether recordings leave less open than a tolerance does."""
         if self.ci95 is None or self.tolerance is None:
             return False
-        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * HOLDING.open * self.tolerance
+        return self.ci95[1] - self.ci95[0] < 2.0 * Z95 * NEARLY_ALL * self.tolerance
 
 
 @dataclass(frozen=True)
@@ -210,7 +208,7 @@ class Fit:
         """
         pairs = zip(self.heldout_rmse_before, self.heldout_rmse_tolerances, strict=False)
         return tuple(
-            j for j, (given, moved) in enumerate(pairs, start=1) if moved > WORDING.worse * given
+            j for j, (given, moved) in enumerate(pairs, start=1) if moved > (1 + LITTLE) * given
         )
 
 

@@ -21,9 +21,9 @@ from estimators.diagnosis.from_motion.held_out import CONFIDENT, LEAST, removes
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, tolerances_of
 from estimators.diagnosis.from_motion.suspects import OFFSET
-from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings import MATTERS
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, StatedValue, Where
+from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of
 from limo_driver.physics import PositionServo, Simulation
 
@@ -153,7 +153,7 @@ class JointValues:
             own: Constants whose tolerance the drive states itself.
         """
         squared, as_given = self._squares(lambda row: row), self._squares(lambda _: self.nominal)
-        above = float(np.sqrt(as_given.mean())) > WORDING.at_step * step
+        above = float(np.sqrt(as_given.mean())) > step
         reducible = max(float(as_given.mean()) - step**2 / 12.0, LEAST)
         found, sure = list[StatedValue](), list[bool]()
         for value, differs, reverted in (*self._shown(own), *self._damping()):
@@ -161,7 +161,7 @@ class JointValues:
             share = float(without.mean() - squared.mean()) / reducible
             sure.append(above and differs and self._removes(squared, without) >= CONFIDENT)
             found.append(replace(value, share=min(max(share, 0.0), 1.0)))
-        reported = [s and value.share >= VALUES.share for s, value in zip(sure, found, strict=True)]
+        reported = [s and value.share >= MATTERS for s, value in zip(sure, found, strict=True)]
         together = self._removes(squared, as_given) >= CONFIDENT
         if any(sure) and together and not any(reported):
             reported[max(range(len(found)), key=lambda k: (sure[k], found[k].share))] = True
@@ -244,7 +244,7 @@ class JointValues:
                 else abs(np.log(max(value, LEAST) / max(believed, 1e-3 * value, LEAST)))
             )
             reach = OFFSET if signed else c.value_in(self.tolerance, name)
-            if apart > VALUES.sure * float(np.hypot(self.fit.deviation[name], reach)):
+            if apart > REACH * float(np.hypot(self.fit.deviation[name], reach)):
                 return True
         return False
 
@@ -253,7 +253,7 @@ class JointValues:
         value, believed = self.fit.value(name), self._believed(name)
         if self._is_lag_within(name, value - believed):
             return False
-        reach = VALUES.sure * self.fit.deviation[name]
+        reach = REACH * self.fit.deviation[name]
         if name in c.SIGNED:
             return abs(value - believed) > reach
         return believed <= 0.0 or abs(np.log(max(value, LEAST) / believed)) > reach

@@ -22,8 +22,9 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.simulation.one_joint import RowErrors
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.from_motion.suspects import COUNTED
-from estimators.diagnosis.settings import LEVEL, TAIL, Z95
-from estimators.diagnosis.settings.judgement import CONFIDENCE, VALUES
+from estimators.diagnosis.settings import LEVEL, MATTERS, TAIL, Z95
+from estimators.diagnosis.settings.judgement import CONFIDENCE
+from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
@@ -41,8 +42,6 @@ if TYPE_CHECKING:
 
 LEAST: Final = 1e-9
 CONFIDENT: Final = LEVEL  # share of resampled held-out motion in which a finding has to remove it
-_MANY: Final = 4  # recordings, from which on whole ones are held out
-_BLOCKS, _DRAWN = 20, 1000  # of what is held out at once, and resamples of them
 _REST: Final = 0.1  # [s] before and after a cut, in which a joint moves little
 
 
@@ -54,7 +53,7 @@ def split(recordings: Sequence[Recording]) -> tuple[list[Recording], list[Record
     another kind of motion, and what one of them alone shows would never be proven by the others:
     each is cut in two, where its joints are slowest around its middle.
     """
-    if len(recordings) >= _MANY:
+    if len(recordings) >= ELSEWHERE.turns:
         by_speed = sorted(recordings, key=_speed, reverse=True)
         return by_speed[0::2], by_speed[1::2]
     at = [_cut(recording) for recording in recordings]
@@ -112,9 +111,9 @@ def removes(squared: FloatArray, without: FloatArray, folds: int = 1) -> float:
         without: The same without it.
         folds: Parts of the motion among the rows, that were held out in turn.
     """
-    many, gain = _BLOCKS * folds, without - squared - VALUES.share * without
+    many, gain = 2 * HELD_OUT.blocks * folds, without - squared - MATTERS * without
     blocks = np.array([block.sum() for block in np.array_split(gain, many)])
-    drawn = np.random.default_rng(0).integers(0, many, (_DRAWN, many))
+    drawn = np.random.default_rng(0).integers(0, many, (HELD_OUT.resamples, many))
     return min(CONFIDENCE.highest, float(np.mean(blocks[drawn].sum(axis=1) > 0.0)))
 
 
@@ -140,7 +139,7 @@ def by_recording(
     bounds = np.cumsum([0, *rows])
     gain = np.add.reduceat((before**2 - after**2).sum(axis=1), bounds[:-1])
     reducible = np.add.reduceat((before**2 - floor**2).sum(axis=1), bounds[:-1])
-    drawn = np.random.default_rng(0).integers(0, len(rows), (_DRAWN, len(rows)))
+    drawn = np.random.default_rng(0).integers(0, len(rows), (HELD_OUT.resamples, len(rows)))
     share = gain[drawn].sum(axis=1) / np.maximum(reducible[drawn].sum(axis=1), LEAST)
     low, high = np.quantile(share, (TAIL, 1 - TAIL))
     return float(low), float(high)

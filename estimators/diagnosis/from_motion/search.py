@@ -32,7 +32,7 @@ from estimators.diagnosis.from_motion.suspects import (
     stated_beside,
     suspects_of,
 )
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.regression.evidence import REACH
 from limo_driver.types import FloatArray
 
 _COM: Final = 0.1  # [m], likewise of a payload's centre of mass
@@ -113,7 +113,7 @@ def search(
         **{f"zero_{j + 1}": c.BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
     weights = _weights(loads, guess, tick)
-    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=VALUES.sure)
+    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=REACH)
     fit = fit_arm(problem, guess, _FIRST)
     other = _limited(guess, stated)
     if not _alike(problem, guess, other):

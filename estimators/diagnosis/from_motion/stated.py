@@ -42,8 +42,8 @@ from estimators.diagnosis.from_motion.simulation.free_run import (
 )
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads, as_described
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
-from estimators.diagnosis.settings import Z95
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings import SOME, Z95
+from estimators.regression.evidence import REACH
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
 from limo_driver.recordings.channels import TORQUE, led_by
@@ -58,7 +58,7 @@ if TYPE_CHECKING:
 
 # Of the arm's largest load, from which on a glance tells a joint's gain. More than gives a scale: a
 # short fit takes friction of a joint of little load for gain. Much more leaves one joint to judge.
-_WELL_LOADED: Final = 0.2
+_WELL_LOADED: Final = SOME
 _LEAST: Final = 1e-6  # [N m/rad, N m s/rad]
 _AFAR: Final = 1.0  # of a logarithm, from which on a gain is no tolerance
 _HEAVY: Final = 0.5  # of the arm's own mass, that it may carry
@@ -86,7 +86,7 @@ class StatedArm:
             if one.effect == "gear_ratio" and one.joint is not None:
                 fit = self.identified.fits[one.joint]
                 tolerance = self.identified.simulation.tolerances.drive
-                reach = VALUES.sure * float(np.hypot(fit.deviation["gear"], tolerance))
+                reach = REACH * float(np.hypot(fit.deviation["gear"], tolerance))
                 if abs(np.log(fit.value("gear"))) < reach:
                     return one
             name = "mass" if one.effect == "payload" else next(iter(one.names), "")
@@ -100,7 +100,7 @@ class StatedArm:
         """Return the least mass that no tolerance of the stated ones explains [kg]."""
         simulation = self.identified.simulation
         mass = sum(own.mass for own in simulation.model.inertials.values())
-        return VALUES.sure * simulation.tolerances.inertia * mass
+        return REACH * simulation.tolerances.inertia * mass
 
 
 def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:

@@ -21,12 +21,14 @@ import numpy as np
 from estimators.diagnosis.from_motion.checks.conventions import likeliest_order
 from estimators.diagnosis.from_motion.fitting.starts import (
     LIMITS,
+    MOVING,
     away,
     start_of_limit,
     start_of_motor,
 )
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.plant import most_torque
+from estimators.diagnosis.settings import FAR, LITTLE, SOME
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -44,7 +46,6 @@ _FADING: Final = c.BelievedValue(0.05, 0.7)  # [rad/s] at which stiction fades, 
 # less where it goes by the motor's torque, which friction raises one way and lowers the other.
 _DRIVEN: Final = c.BelievedValue(1.0, 0.35)
 COUNTED: Final = ("joint_sign", "swapped_joints")  # how recordings count, and no physics
-_START_MASS: Final = 0.05  # of the arm's own
 _FREED: Final = (
     *c.GAINS,
     c.DAMPING,
@@ -65,9 +66,11 @@ _BESIDE: Final = (  # constants that a drive may be stated to have
     "free_speed",
 )
 SHAPES: Final = (1.0, 2.0)  # exponents of the fading: exponential, and as a bell
-_AMOUNTS: Final = (0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0)  # of the dry friction, tried
-_FADES: Final = (0.015, 0.02, 0.03, 0.06, 0.12)  # [rad/s] at which it fades, tried
-_DRY: Final = (1.0, 0.85)  # of the fitted dry friction that is left, tried
+# tried as stiction: times the dry friction; where it fades [rad/s]; dry friction that is left, over
+# the fitted
+_AMOUNTS: Final = tuple(np.linspace(SOME, FAR, 9).tolist())
+_FADES: Final = tuple((MOVING * 2.0 ** np.arange(-2, 2)).tolist())
+_DRY: Final = (1.0, 0.85)
 _LEAST: Final = 0.005  # [rad, rad/s] of lag that a joint of no dry friction is taken to have
 
 
@@ -205,7 +208,7 @@ def suspects_of(loads: ArmLoads, guess: ArmGuess, stated: FloatArray) -> Iterato
     """
     mass = sum(own.mass for own in loads.body.inertials.values())
     com = tuple((f"com_{axis}", 0.0) for axis in "xyz")
-    start = (("mass", _START_MASS * mass), *com)
+    start = (("mass", LITTLE * mass), *com)
     for link in loads.carriers:
         yield Suspect("payload", None, start, shared=True, carrier=link)
     if loads.shows_supply:

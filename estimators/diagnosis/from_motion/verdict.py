@@ -171,7 +171,7 @@ def _above(
     late = np.concatenate([r.time - r.time[0] > WORDING.from_start for r in recordings])
     rows = errors[late] if late.any() else errors
     size = np.sqrt(np.mean(rows**2, axis=0))
-    return np.flatnonzero((step > 0.0) & (size > WORDING.at_step * step))
+    return np.flatnonzero((step > 0.0) & (size > step))
 
 
 def _unit(given: Simulation) -> str:

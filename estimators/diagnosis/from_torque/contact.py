@@ -22,7 +22,7 @@ from estimators.diagnosis.from_torque.residuals.pushes import covered
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
-from estimators.diagnosis.settings import Z95
+from estimators.diagnosis.settings import MOST, Z95
 from estimators.diagnosis.settings.judgement import CONFIDENCE, PUSHES
 from estimators.diagnosis.verdict import CONTACT, BeforeAfter, Finding, Interval, Where
 from estimators.regression.definite import inverse_root
@@ -113,7 +113,7 @@ class _Wrench:
         """Whether every direction of its force is known to a part of the whole."""
         low, high = np.array(self.ci95[:3]).T
         force = float(np.linalg.norm(self.value[:3]))
-        return bool(np.max(high - low) / 2 < PUSHES.determined * force)
+        return bool(np.max(high - low) < force)
 
     @classmethod
     def of(
@@ -143,7 +143,7 @@ class _Wrench:
 
 def _acts(wrenches: Sequence[_Wrench]) -> str:
     """Say where pushes act, and how strongly where that is known."""
-    at_flange = [wrench for wrench in wrenches if wrench.share > PUSHES.one_wrench]
+    at_flange = [wrench for wrench in wrenches if wrench.share > MOST]
     if not at_flange:
         return "something acts there that is no wrench at the flange, as on a link before it."
     some = "them" if len(at_flange) == len(wrenches) else f"{len(at_flange)} of them"

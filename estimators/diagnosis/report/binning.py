@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.afterwards import BINS, LOOPS
-from estimators.diagnosis.settings.fitting import RIPPLE
+from estimators.diagnosis.settings import FEW, TAIL, TINY
+from estimators.diagnosis.settings.afterwards import BINS
+from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -61,7 +61,7 @@ def bins_of(rows: int) -> int:
 
 def cells_of(rows: int) -> int:
     """Return into how many cells of a map, to either side, some rows go."""
-    return int(np.clip(np.sqrt(rows / BINS.least), BINS.fewest, BINS.most_cells))
+    return int(np.clip(np.sqrt(rows / FEW), BINS.fewest, BINS.most))
 
 
 def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> FloatArray:
@@ -71,7 +71,7 @@ def edges_of(values: FloatArray, bins: int, *, logarithmic: bool = False) -> Flo
     known = values[np.isfinite(values)]
     if not known.size:
         return np.linspace(0.0, 1.0, bins + 1)
-    low, high = np.quantile(known, (RIPPLE.bulk, 1 - RIPPLE.bulk))
+    low, high = np.quantile(known, (TAIL, 1 - TAIL))
     if high - low < TINY:  # nothing varies: one bin holds it all
         low, high = low - 0.5, high + 0.5
     edges: FloatArray = np.linspace(low, high, bins + 1)
@@ -85,7 +85,7 @@ def profile(values: FloatArray, residual: FloatArray, edges: FloatArray) -> Prof
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(which, residual[rows], len(edges) - 1) / count
         square = np.bincount(which, residual[rows] ** 2, len(edges) - 1) / count
-    few = count < _fewest(count, BINS.enough)
+    few = count < FEW
     mean[few] = square[few] = np.nan
     spread = np.sqrt(np.maximum(square - mean**2, 0.0))
     return Profile(edges, (edges[1:] + edges[:-1]) / 2, mean, spread, np.sqrt(square))
@@ -103,17 +103,10 @@ def residual_map(
     count = np.bincount(cell, minlength=shape[0] * shape[1]).astype(float)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(cell, residual[inside], shape[0] * shape[1]) / count
-    mean[count < _fewest(count, BINS.least)] = np.nan
+    mean[count < FEW] = np.nan
     return Map(
         (x_edges[1:] + x_edges[:-1]) / 2, (y_edges[1:] + y_edges[:-1]) / 2, mean.reshape(shape)
     )
-
-
-def _fewest(count: FloatArray, enough: int) -> float:
-    """Return how many rows a bin needs to be shown, given those of all bins."""
-    visited = count[count > 0]
-    usual = float(visited.mean()) if visited.size else 0.0
-    return float(np.clip(BINS.shown * usual, BINS.least, enough))
 
 
 def _inside(values: FloatArray, edges: FloatArray) -> NDArray[np.bool_]:
@@ -167,7 +160,7 @@ def loop_stretch(traces: Traces, j: int, duration: float) -> Stretch:
     rows = max(1, round(duration / float(np.median(steps[steps > 0]))))
     q = traces.position[:, j]
     span = maximum_filter1d(q, rows) - minimum_filter1d(q, rows)
-    return _largest(traces, error / (span + LOOPS.narrow), duration)
+    return _largest(traces, error / (span + ROWS.travel), duration)
 
 
 def _largest(traces: Traces, error: FloatArray, duration: float) -> Stretch:

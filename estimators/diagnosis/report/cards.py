@@ -8,7 +8,8 @@ import numpy as np
 
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
-from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
+from estimators.diagnosis.settings import LEVEL
+from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import AFTER, curve, layout
@@ -203,7 +204,7 @@ def _values(
     loop = loop_of(effect)
     push, far = (unit_of(unit, verdict.sliding, effect.joint - 1) for unit in ("N m", "rad"))
     note = (
-        f"{significant(loop.height)} {push} high; {percent(LOOPS.turned)} of it has turned "
+        f"{significant(loop.height)} {push} high; {percent(LEVEL)} of it has turned "
         f"{significant(loop.width)} {far} after a reversal; {significant(loop.area)} J lost each "
         "time"
     )
@@ -234,7 +235,7 @@ def loop_of(effect: PreslidingHysteresis) -> Loop:
     torque, _ = effect.advance(effect.initial_state(), JointMotion(time, way, speed, still, still))
     position, around = way[-2 * _POINTS + 1 :], torque[-2 * _POINTS + 1 :]
     height, back = float(np.ptp(around)), around[_POINTS - 1 :]
-    turned = int(np.argmax(back <= around.max() - LOOPS.turned * height))
+    turned = int(np.argmax(back <= around.max() - LEVEL * height))
     area = float(np.trapezoid(around, position))
     return Loop(position, around, height, float(reach - position[_POINTS - 1 + turned]), area)
 

@@ -16,8 +16,7 @@ from estimators.diagnosis.report.binning import (
     profile,
     residual_map,
 )
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.afterwards import BINS
+from estimators.diagnosis.settings import TAIL, TINY
 from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import (
     AFTER,
@@ -142,7 +141,7 @@ def maps(traces: Traces, j: int, sides: Sequence[str] = _BOTH) -> list[Figure]:
     x, y = edges_of(q, cells_of(len(q))), edges_of(v, cells_of(len(v)))
     found = [residual_map(q, v, _residual(traces, side, j)[moving], x, y) for side in sides]
     known = np.abs(np.concatenate([item.mean[np.isfinite(item.mean)] for item in found]))
-    scale = max(float(np.percentile(known, BINS.brightest)), TINY) if known.size else 1.0
+    scale = max(float(np.quantile(known, 1.0 - TAIL)), TINY) if known.size else 1.0
     far, push = (unit_of(unit, traces.sliding, j) for unit in ("rad", "N m"))
     figures: list[Figure] = []
     for item in found:

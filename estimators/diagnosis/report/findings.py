@@ -23,8 +23,8 @@ from estimators.diagnosis.quantities import heading_of, in_noise_floors, of_join
 from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
+from estimators.diagnosis.settings import LITTLE
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import QUESTIONS
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Finding, Fit, Verdict
 from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.figures import DRAWN
@@ -247,7 +247,7 @@ def _by_tolerances(fit: Fit, *, findings: bool) -> str:
     if not fit.heldout_rmse_tolerances:
         return ""
     taken = reducible_removed(*map(np.array, errors))
-    if taken < QUESTIONS.least_share:
+    if taken < LITTLE:
         return ""
     sentences = f"Moving values within their tolerances alone removes {percent(taken)} of the error"
     return sentences + ("; the findings are about what remains." if findings else ".")

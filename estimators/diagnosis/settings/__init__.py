@@ -19,6 +19,17 @@ MAD: Final = 1.4826  # of a normal distribution, its deviation over the median o
 TINY: Final = 1e-12  # in the unit of each, that nothing is divided by less than
 ROUNDING: Final = 1e-9  # relative, and in the unit of what is not to be nothing
 DEPENDENT: Final = 1e-6  # of the largest, below which columns are but rounding
+FINE: Final = 1e-3  # relative, of steps of derivatives, and of changes with which iterations end
+LITTLE: Final = 0.05  # of a whole, that hardly matters
+MATTERS: Final = 0.1  # of a whole, from which on it matters
+HALF: Final = 0.5  # of a whole, more than which is the greater part
+SOME: Final = 0.25  # of a whole, that is some of it
+MOST: Final = 0.75  # of a whole, that is most of it
+NEARLY_ALL: Final = 0.9  # of a whole, that is nearly all of it
+FEW: Final = 3  # of anything; what fewer of them have in common is chance
+CLEARLY: Final = 1.5  # times another, that something is clearly more
+FAR: Final = 3.0  # times another, that something is far more
+OUTLYING: Final = 5.0  # usual errors, beyond which one is of another kind
 BY_JUDGEMENT: Final = "by judgement"  # nobody measured another value, or nothing of it was kept
 
 

@@ -20,12 +20,6 @@ class SEPARATION:
 class REPLAY:
     """Recorded motion on the simulated robot (limo_driver.app.library.diagnosing)."""
 
-    duration: float = setting(12.0, "s", "of motion that is replayed, where it differs most",
-        "more costs time; less shows less")
-    many: int = setting(40, "effects", "of a simulation, beyond which the next value holds",
-        "more cost time, since most are evaluated one by one in every cycle")
-    duration_of_many: float = setting(5.0, "s", "the same, of a simulation of many effects",
-        "as above")
     rate: float = setting(100.0, "Hz", "of the rows that are kept of it",
         "more make the report larger; fewer blur what is quick")
 
@@ -39,15 +33,6 @@ class BINS:
     most: int = setting(32, "bins", "of a profile", "more draw noise; fewer blur")
     fewest: int = setting(5, "bins", "of a profile of however few rows",
         "more are empty; fewer say nothing")
-    most_cells: int = setting(22, "cells", "of a map, to either side",
-        "more draw noise; fewer blur")
-    shown: float = setting(0.25, "of the mean of bins with rows", "that a bin needs to be shown",
-        "more leave out what the motion seldom does; fewer draw noise")
-    enough: int = setting(8, "rows", "with which a bin is shown, however many others have",
-        "as above")
-    least: int = setting(3, "rows", "without which neither is shown", "as above")
-    brightest: float = setting(98.0, "percentile", "of the cells of a map, at which colours end",
-        "higher leaves the map pale; lower shows differences of large cells no more")
 
 
 @settings
@@ -56,31 +41,19 @@ class LOOPS:
 
     duration: float = setting(8.0, "s", "of motion drawn as loops",
         "longer covers them with other loops; shorter shows part of one")
-    narrow: float = setting(0.05, "rad", "added to the range of such motion, which is to be small",
-        "larger shows long reaches, on which a loop is a line; smaller next to no motion")
-    turned: float = setting(0.95, "of its height", "at which hysteresis counts as turned over",
-        "only wording: higher calls loops wider, of laws that never end")
 
 
 @settings
 class WORDING:
     """What is worth a word (headline, wording, verdict, report)."""
 
-    sure: float = setting(0.5, "", "confidence of a name that stands in the headline beside others",
-        "only wording: higher says fewer names")
-    pushes: int = setting(2, "pushes", "whose times a headline says", "only wording")
     listed: int = setting(3, "items", "that a sentence names, or a page shows at once",
         "only wording")
     beyond_doubt: float = setting(1e6, "to 1", "odds beyond which a figure says no more than words",
         "only wording")
-    worse: float = setting(1.05, "times the given simulation's",
-        "error from which on it is called worse", "only wording: higher marks less")
     at_floor: float = setting(1.15, "noise floors", "up to which an error is at the floor",
         "only wording: higher calls small errors noise",
         chosen="the floor is an estimate itself")
-    at_step: float = setting(1.0, "steps of the encoder", "of error, up to which a joint is at it",
-        "only wording: higher calls small errors nothing",
-        chosen="a simulation of the very arm errs by up to 0.9: where it starts is known to a step")
     from_start: float = setting(1.0, "s", "after a free run begins, from which on that is asked",
         "longer leaves less to ask; shorter takes what an unknown start makes for physics")
     explanations: int = setting(12, "sets", "of effects that are listed as having competed",

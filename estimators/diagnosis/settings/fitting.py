@@ -27,39 +27,21 @@ class RIPPLE:
     peaks: int = setting(4, "peaks", "that are tried for a line, one after the other",
         "more cost time; fewer stop at what lines not found yet leave",
         chosen="three of ten lines of a real motor were missed behind such a peak")
-    apart: float = setting(3.0, "resolutions", "between such a peak, if it is not the highest, and "
-        "a line that was found",
-        "larger misses neighbours of strong lines; smaller finds what those leave")
     neighbours: int = setting(61, "grid points",
         "whose median is the level that a line stands out from",
         "more blur a coloured level; fewer let a line raise its own")
-    passed: float = setting(0.25, "", "gain of the filter below which a row does not count",
-        "higher uses fewer rows; lower divides by nearly nothing")
-    least_share: float = setting(0.25, "of the rows", "on which a line has to pass the filter",
-        "more miss lines of fast joints; fewer judge by little",
-        chosen="a tenth are those near reversals alone, where friction does all that it does")
     shape: int = setting(8, "knots", "of the dependence on position that is taken out first",
         "more take slow lines out; fewer leave shapes that look like lines")
-    flat: int = setting(2, "knots", "the same, where a line of few periods is sought", "as above")
-    few_periods: tuple[float, float] = setting((1.5, 6.0), "",
-        "of such a line over the range of a joint",
-        "wider finds shapes; narrower misses slow lines")
-    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
-        "lower finds shapes; higher misses weak lines")
-    bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
-        "wider counts where it hardly is; narrower leaves out ends at which it turns")
     around: int = setting(5, "grid points",
         "at which a line is sought around one near it, and times that this grid is then narrower",
         "more cost time; fewer leave a parabola too little")
-    same: float = setting(0.05, "relative", "difference within which two lines are one",
-        "larger merges neighbours; smaller counts one twice")
-    sweeps: int = setting(3, "", "in which all lines are refined beside a new one, at most",
-        "more cost time; fewer leave of a line what looks like another beside it",
-        chosen="12 cycles of a motor came out as 11.85, and 7 as 7.06 and a false 6.56, without"
-               " them; as 12.00 and 7.01 with them")
+    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
+    bulk: float = setting(0.01, "of the positions", "beyond either end of what is a joint's range",
+        "wider counts where it hardly is; narrower leaves out ends at which it turns")
+    least_part: float = setting(0.15, "of the residual's energy", "that such a line takes off",
+        "lower finds shapes; higher misses weak lines")
     stays: float = setting(0.01, "grid points", "by which a line moves that stays",
         "smaller costs time")
-    block: int = setting(32, "frequencies", "at a time", "more need memory; fewer cost time")
     burst: float = setting(6.0, "median deviations", "beyond which a residual is clipped",
         "more let a burst look like all lines; fewer clip lines")
 
@@ -68,12 +50,6 @@ class RIPPLE:
 class REVISION:
     """Steps in which a stated value moves (hypotheses.revision, improvement)."""
 
-    step: float = setting(0.05, "relative", "of derivatives by a parameter",
-        "larger is less linear; smaller loses digits")
-    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
-        "larger lets small bodies move far; smaller holds them")
-    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
-        "numerical: inertia is quadratic in it")
     products: float = setting(0.3, "of the root of the product of two moments",
         "1 sigma of a product of inertia, before the tolerance of the body",
         "larger lets bodies tilt; smaller holds the axes that are stated")
@@ -81,14 +57,18 @@ class REVISION:
         "larger adds inertia that nobody saw; smaller makes a point of it")
     wider: float = setting(5.0, "times", "at most, in one revision, and its inverse at least",
         "larger leaves what is linear; smaller needs more rounds")
-    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
-        "smaller makes gears stiff without bound; larger needs more rounds")
-    steps: int = setting(9, "",
-        "from the inertia that was found to the nominal one, of which the first that can be is "
-        "taken", "more cost time; fewer go farther back than needed")
     shorter: int = setting(6, "halvings",
         "of a change after which no body that can be is where the arm is, until it is dropped",
         "more keep small parts of what cannot be; fewer drop more")
+    stiffest: float = setting(0.01, "of an inverse", "that one revision leaves at least",
+        "smaller makes gears stiff without bound; larger needs more rounds")
+    least_lever: float = setting(0.01, "m", "scale of a centre of mass that lies on an axis",
+        "larger lets small bodies move far; smaller holds them")
+    steps: int = setting(9, "",
+        "from the inertia that was found to the nominal one, of which the first that can be is "
+        "taken", "more cost time; fewer go farther back than needed")
+    lever_step: float = setting(0.01, "of that lever", "of derivatives by a centre of mass",
+        "numerical: inertia is quadratic in it")
 
 
 
@@ -113,37 +93,19 @@ class CANDIDATES:
         "higher misses small effects; lower gives false alarms",
         chosen=("by judgement, above the log of the some hundred effects at places that compete "
                 "(4.6 nat)"))
-    deviating: float = setting(5.0, "nat", "that a wrong parameter has to bring", "as above",
-        chosen="less, since everybody knows the parameter to be there")
-    certain: float = setting(0.0, "nat",
-        "that friction of a joint has to bring where none is stated",
-        "higher lets rarer effects stand for it; there is nothing lower",
-        chosen="every joint rubs: what is not known is how much")
-    usual: float = setting(0.5, "of the joints",
-        "more than which are stated to have an effect, so that it costs the others no more either",
-        "higher names what is rare where plain friction is left out; lower prefers what few have")
-    wrong: float = setting(1.0, "relative", "deviation of a parameter that is simply wrong",
-        "smaller misses very wrong values; larger costs evidence")
+    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
+        "larger costs small payloads evidence; smaller large ones",
+        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
+    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
     sharper: tuple[float, ...] = setting((0.1, 0.3, 3.0), "times the stated width",
         "over which dry friction that changes may turn its sign",
         "more cost time and chance; fewer leave friction to what happens to be as sharp",
         chosen=("2.1 N m that turn over 0.01 rad/s, beside 0.46 N m stated over 0.05, were called "
                 "a coupling, which brought 405 nat where friction as stated brought 34"))
-    wrong_inertia: float = setting(0.4, "relative", "the same of a body", "as above")
     parts_of_body: tuple[float, ...] = setting((1.0, 0.125), "of its 1 sigma",
         "that a body that is missing or wrong is expected to be",
         "more cost time and chance; fewer cost small bodies evidence",
         chosen="a load of 50 g cost 35 nat as one of 2 kg, and was called unknown")
-    seldom: float = setting(0.1, "of the strongest", "of a list of places, that each counts as",
-        "higher holds values where motion seldom is; lower lets them be anything there")
-    together: int = setting(20, "hypotheses", "that pass the filter in one go",
-        "more need memory; fewer cost time")
-    payload: float = setting(0.08, "of the mass that moves", "1 sigma of the mass of a payload",
-        "larger costs small payloads evidence; smaller large ones",
-        chosen="2 kg on the iiwa 14; arms carry about as much in proportion, whatever their size")
-    payload_lever: float = setting(0.08, "of the arm's length",
-        "1 sigma of how far its centre of mass is from the flange", "as above",
-        chosen="0.1 m on the iiwa 14")
 
 
 @settings
@@ -160,33 +122,11 @@ class TOLERATED:
 
 
 @settings
-class BASE_FRICTION:
-    """Friction that a bare description lacks (selection.base_friction)."""
-
-    narrowest: float = setting(2.5e-4, "rad/s", "width of a sign that is tried",
-        "narrower cannot be told from a step")
-    widest: float = setting(8e-3, "rad/s", "width of a sign that is tried",
-        "wider is viscous friction by another name")
-    widths: int = setting(6, "", "that are tried, evenly in their logarithm", "more cost time")
-
-
-
-
-@settings
 class SOLVING:
     """Noise and search in turn (fitting.solving)."""
 
-    least_left: float = setting(0.05, "of the errors' mean square",
-        "that a fit of everything is taken to leave, at least",
-        "higher underrates the errors of short recordings; lower divides by nearly nothing")
     rounds: int = setting(2, "", "of noise and search in turn",
         "more cost time; fewer search under a noise that has physics in it")
-    followed: float = setting(2.0, "times the error of the linear fit",
-        "that a simulation may have, where that is more than the given one's",
-        "higher keeps what no simulation can follow; lower drops what a search around it mends")
-    blamed: float = setting(0.5, "of the squared deviation of a simulation from its linear fit",
-        "that goes with a member which may be to blame",
-        "higher blames what feeds a runaway; lower what only adds to it")
     unbound: float = setting(10.0, "times the tolerance",
         "that a value at its limit is given, to see where data put it",
         "higher lets what little the motion shows be anywhere; lower draws it back")
@@ -209,25 +149,19 @@ class LATENESS:
     long: float = setting(0.1, "s", "of a lag and a delay that compete from the start",
         "longer misses those of some hundredths of a second; shorter those of some tenths",
         chosen="75 and 90 ms, hidden in a real recording, were taken for friction without")
-    asked: int = setting(2, "", "of these that a longer one may do without",
-        "more cost time; fewer miss what begins to help late")
 
 
 @settings
 class NEWTON:
     """Gauss-Newton of all that was found (fitting.linearised)."""
 
-    block: float = setting(2.0, "s", "over which scores are summed for intervals",
-        "longer leaves few blocks; shorter takes errors for independent")
     rounds: int = setting(5, "", "at most", "more cost time; fewer stop short")
-    enough: float = setting(1e-3, "of the sum of squares", "that a round has to take off",
-        "smaller costs time; larger stops short")
-    slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
-        "higher lets errors grow that are alike in time; lower stops at noise")
     shorter: int = setting(2, "halvings", "of a step, that are tried",
         "more cost time; fewer give up where a full step is too far")
-    derivative: float = setting(1e-3, "prior deviations", "step of derivatives",
-        "larger is less linear; smaller loses digits")
+    block: float = setting(2.0, "s", "over which scores are summed for intervals",
+        "longer leaves few blocks; shorter takes errors for independent")
+    slack: float = setting(1.02, "times", "that a round may raise a joint's RMSE, at most",
+        "higher lets errors grow that are alike in time; lower stops at noise")
 
 
 @settings
@@ -237,48 +171,19 @@ class CONTRIBUTION:
     material: float = setting(0.5, "errors left",
         "that a finding has to take off the error of some joint",
         "higher names less; lower names what hardly matters")
-    felt: float = setting(0.2, "errors left",
-        "that friction takes off them at least, of a law that merely fits better",
-        "higher leaves laws to what is plainer; lower has friction where a torque has none",
-        chosen="2 % of what is left; 0.001 N m of chance beside a noise of 0.02 took off 0.1")
     most: float = setting(0.6, "of the evidence for a finding",
         "that a simpler one in its place has to bring",
         "higher keeps laws with many parameters; lower gives names to what only resembles")
     tellable: float = setting(4.0, "nat", "within which explanations are indistinguishable",
         "higher lists more equivalents; lower is sure too soon")
-    seen: float = setting(0.5, "of an effect's mean square",
-        "that rows held out have to have to judge it",
-        "lower judges by rows that lack the effect; higher judges by rows that were fitted")
     relieved: int = setting(4, "stated values",
         "more at the limit of their tolerances without a finding that is to be believed for that",
         "lower names what one wrong statement feigns; higher misses small bodies in short motion",
         chosen="of values that are off as stated, that many are so once in ten million arms")
-    slight: float = setting(0.1, "of what is gained over all rows",
-        "that may be lost on those held out",
-        "higher keeps what does not carry over; lower drops rare events")
-
-
-@settings
-class LAWS:
-    """Laws of one effect (fitting.laws)."""
-
-    refinable: float = setting(100.0, "nat",
-        "that a refinement may make up for, where no law has a name",
-        "higher costs time; lower leaves out what would have been best")
-    resembling: float = setting(0.6, "of the evidence for a finding",
-        "that what is confused with it has to bring as it is tried, to be refined beside it",
-        "lower costs time; higher gives a name to what lies better on the grid",
-        chosen=("play of 0.7 mrad brought 0.75 of it on the grid of gaps, and 1.3 once refined; "
-                "a gap between two that are tried has 0.63 in common with the nearer one"))
-    slips: int = setting(3, "", "widths of slipping springs that are refined, at most",
-        "more cost time; fewer leave what lies between two of the grid to other effects")
-    carried: float = setting(0.02, "of the friction of all springs",
-        "that one of the grid has to carry, to be among these",
-        "lower refines shares of noise; higher loses the last width")
-    recorded: float = setting(0.2, "of the impacts of a play",
-        "that have to be in the torque above the bandwidth, as sharp and that way",
-        "higher loses play whose drive recoils; lower takes other jumps for impacts",
-        chosen="0.38 of a damped play's, at most 0.06 of five that stood for other friction")
+    felt: float = setting(0.2, "errors left",
+        "that friction takes off them at least, of a law that merely fits better",
+        "higher leaves laws to what is plainer; lower has friction where a torque has none",
+        chosen="2 % of what is left; 0.001 N m of chance beside a noise of 0.02 took off 0.1")
 
 
 @settings
@@ -287,14 +192,23 @@ class REFINEMENT:
 
     evaluations: int = setting(60, "", "of the evidence, at most",
         "more cost time; fewer stop short")
-    inside: float = setting(0.02, "of the range of a setting",
-        "from either of its ends, that the search begins at least",
-        "larger begins farther from what was tried; smaller leaves a first step no room")
-    step: float = setting(0.1, "of the range of a setting", "that is tried first",
-        "larger leaves the valley it began in; smaller costs time")
+    rejected: float = setting(1e6, "", "objective where no column comes out",
+        "numerical: worse than any")
     tolerance: float = setting(3e-3, "of the range of a setting",
         "within which all that is tried lies once it stops",
         "smaller costs time; larger stops short")
-    gained: float = setting(0.05, "nat", "by which it differs then", "as above")
-    rejected: float = setting(1e6, "", "objective where no column comes out",
-        "numerical: worse than any")
+    inside: float = setting(0.02, "of the range of a setting",
+        "from either of its ends, that the search begins at least",
+        "larger begins farther from what was tried; smaller leaves a first step no room")
+
+
+@settings
+class LAWS:
+    """Laws of one effect (fitting.laws)."""
+
+    carried: float = setting(0.02, "of the friction of all springs",
+        "that one of the grid has to carry, to be among these",
+        "lower refines shares of noise; higher loses the last width")
+    refinable: float = setting(100.0, "nat",
+        "that a refinement may make up for, where no law has a name",
+        "higher costs time; lower leaves out what would have been best")

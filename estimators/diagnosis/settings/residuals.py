@@ -27,26 +27,17 @@ class ROWS:
         "higher leaves out slow motion; lower fits friction that holds anything",
         chosen=("by judgement, changed once while developing on concealed cases: 1.5 sign widths "
                 "were tried and taken back, since they left creep out of fits too"))
-    creep: float = setting(1.5, "widths of the stated friction's sign",
-        "speed below which nothing is judged unknown",
-        "higher overlooks unknown friction; lower takes the smoothing of a sign for physics",
-        chosen="from the width of the smoothed sign, within which it is no sign")
     dwell: float = setting(5.0, "1/bandwidth", "of such slow motion that is a rest",
         "longer fits friction that holds anything; shorter leaves out reversals, and presliding",
         chosen="presliding of two real arms was lost where such reversals were left out")
-    repeated: float = setting(0.0015, "rad/s", "RMS speed below which a motion is no repeat",
-        "higher misses slow repeats; lower pairs joints at rest")
-    near_rest: float = setting(1.0, "1/bandwidth", "left out before and after a rest",
-        "more leaves out motion; less leaves in what the filter spreads of rest",
-        chosen="about what the filter reaches; before, 0.1 s, which is the same at 10 Hz")
-    even: float = setting(1e-4, "sample periods",
-        "deviation from an even grid that does not matter",
-        "larger skips resampling that would be needed; smaller resamples for rounding")
-    difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
-        "larger is less exact; smaller loses digits")
     travel: float = setting(0.05, "rad",
         "of a joint that counts as moving, or m of one that slides",
         "more leaves out small motion; less asks joints at rest")
+    difference: float = setting(1e-4, "rad", "step of derivatives of the rigid body",
+        "larger is less exact; smaller loses digits")
+    even: float = setting(1e-4, "sample periods",
+        "deviation from an even grid that does not matter",
+        "larger skips resampling that would be needed; smaller resamples for rounding")
 
 
 @settings
@@ -55,15 +46,12 @@ class NOISE:
 
     order: int = setting(3, "rows", "before, from which an error is predicted",
         "more fits noise; fewer leaves errors alike, which look like physics")
-    ridge: float = setting(1e-3, "of the variance",
-        "added, so that a residual of nothing has an autoregression",
-        "larger predicts less; smaller is badly conditioned")
-    least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
-        "larger hides what exact torques show; smaller takes rounding for physics",
-        chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
     strongest: float = setting(0.97, "", "reflection, at most",
         "higher remembers longer and takes slow physics for noise; lower whitens less",
         chosen="so that errors forget within some fifty rows")
+    least: float = setting(2e-6, "of the torque of the strongest joint", "deviation of any noise",
+        "larger hides what exact torques show; smaller takes rounding for physics",
+        chosen="below any torque sensor: 0.1 mN m on an arm whose shoulder holds 50 N m")
 
 
 @settings
@@ -75,26 +63,16 @@ class HELD_OUT:
     which: tuple[int, ...] = setting((2, 5), "", "blocks held out, from 0",
         "more leave less to fit to",
         chosen="in the middle, so that effects that change with time are not extrapolated")
-    turn: int = setting(1, "blocks", "by which those held out are moved, to and fro, at most",
-        "more take time; fewer judge by the few reversals of a short recording",
-        chosen="all blocks but the first and the last, which would be extrapolated")
     resamples: int = setting(400, "", "of the interval of the error removed",
         "more cost time; fewer are a rough interval")
     block: float = setting(3.0, "s", "of a stretch that is resampled whole",
         "longer leaves few stretches; shorter takes errors for independent",
         chosen="longer than errors remember")
-    nothing: float = setting(0.05, "of the noise's energy",
-        "reducible error below which no part of it is stated",
-        "larger states less; smaller states parts of noise")
     guard: float = setting(1.0, "s", "between rows fitted and rows held out, at most",
         "longer leaves less; shorter proves what is remembered, not what is predicted")
     guard_part: float = setting(0.03, "of a recording", "that such a guard takes, at most",
         "more leaves a short recording little to fit to; less brings its blocks close",
         chosen="so that four guards take an eighth of a recording; 1 s left 18 % of 6 s to fit to")
-    reach: float = setting(2.0, "1/bandwidth", "that the guard is, at least",
-        "longer leaves less; shorter lets the filter reach across")
-    fewest: float = setting(16.0, "", "blocks that are taken whole, in a recording too short for "
-        "long ones", "more take errors for independent; fewer are a rough interval")
 
 
 @settings
@@ -104,94 +82,31 @@ class ELSEWHERE:
     turns: int = setting(4, "", "in which it is left out, as a part of all each",
         "more leave out motion that is more alike to what is fitted, and take time",
         chosen="fast, slow, and either end of the poses; recordings alike")
-    still: float = setting(1e-3, "rad or rad/s", "that no spread or speed is divided by less than",
-        "numerical: larger counts small motion for less")
     share: float = setting(0.02, "of the rows that count",
         "that a part has to act on, as an effective number, to be written",
         "higher leaves out what acts but at reversals; lower writes what one place has shown",
         chosen="by judgement: half a second of half a minute")
-    reach: float = setting(3.0, "times the largest speed that was seen",
-        "up to which a slope of friction that was stated, and moved, goes on as fitted",
-        "higher believes slow motion of fast motion; lower takes little more than what was seen "
-        "from what was stated",
-        chosen="on four of twelve concealed arms, of which the worst joints erred 1.5 to 4.8 times "
-               "as much as noise at 1.0, and 1.0 to 1.7 times at 2.0")
 
 
 @settings
 class REPEATS:
     """Motion recorded again (residuals.repeats)."""
 
-    alike: float = setting(0.05, "of a joint's RMS speed",
-        "by which the speeds of repeats may differ",
-        "larger pairs other motion; smaller misses repeats")
     near: float = setting(0.02, "rad", "RMS by which their positions may differ",
         "larger pairs other motion; smaller misses repeats")
-    least: float = setting(0.5, "of a recording", "that has to be in the other one",
-        "larger misses repeats; smaller judges by little")
-    exact: float = setting(1e-5, "s", "to which the delay between them is sought",
-        "smaller costs time; larger leaves what differs by it")
-    fewest: int = setting(8, "rows", "of a recording",
-        "more overlook short repeats; fewer cannot be compared")
 
 
 @settings
 class PLAUSIBILITY:
     """Torques that cannot be of that motion (residuals.plausibility)."""
 
-    better: float = setting(3.0, "times", "that undoing a mistake has to lower the misfit",
-        "higher lets mistakes pass; lower refuses odd arms")
-    strange: float = setting(0.1, "misfit", "above which a torque may belong to something else",
-        "lower tries to undo what is physics; higher lets mistakes pass")
-    fits: float = setting(0.4, "misfit", "below which a torque belongs to its motion",
-        "higher takes poor mending for a mistake; lower lets mistakes pass")
-    digits: int = setting(2, "decimals", "of a misfit, alike in which the likelier mistake is told",
-        "more let chance choose; fewer tell the likelier one of what fits worse")
-    spoilt: float = setting(1.5, "times",
-        "the misfit of a joint that fits, above which no mistake of all joints is undone",
-        "higher refuses arms whose wrist holds its load by friction; lower lets mistakes pass",
-        chosen="1.8 to 2.0 at the shoulder of a real arm whose wrist holds its load by friction")
-    holding: float = setting(0.02, "rad", "within which an arm that is pushed holds still",
-        "higher takes creep for rest; lower refuses soft arms at rest",
-        chosen="a stiff arm gives way by 0.002 to 0.006 rad under hands that push with 50 to 160 N")
     scale: float = setting(12.0, "times", "a sensor may be off",
         "higher lets wrong units of one joint pass; lower refuses wrong gains")
     scale_of_all: float = setting(4.0, "times", "all sensors together may be off",
         "higher lets wrong units pass; lower refuses wrong masses")
-    alike: float = setting(0.8, "correlation", "of two torques that differ in their scale",
-        "lower finds exchanges that are none; higher misses them")
     beyond_friction: float = setting(0.01, "of the square of a simulated torque",
         "that is no friction, from which its scale is judged",
         "higher lets wrong units of joints that mostly rub pass; lower refuses unknown friction")
-    most: int = setting(8, "", "mistakes that are undone one after the other", "more cost time")
-    foreign: float = setting(0.5, "misfit", "of torques that follow no load of this arm",
-        "lower refuses odd arms; higher diagnoses noise")
-    expected: float = setting(0.25, "of the torque",
-        "that the load should make, if its lack is to tell",
-        "lower judges where there is no load; higher judges seldom")
-    light: float = setting(0.2, "of the load", "below which a torque is asked about",
-        "higher asks about balanced joints; lower lets another unit bend the bodies",
-        chosen="0.55 and more on the arms of the real recordings")
-    idle: float = setting(0.7, "of a small torque",
-        "that neither load nor friction explains where a drive has no power",
-        "higher takes noise for torque; lower leaves out joints that are balanced",
-        chosen="0.80 and 0.94 at two joints of small drives without power")
-    alive: float = setting(3.0, "noise floors",
-        "of torque on a joint that does not move, beyond its load",
-        "lower doubts encoders for noise; higher misses stuck ones")
-    own: float = setting(0.5, "of that torque", "that is not load",
-        "lower doubts encoders of loaded joints; higher misses stuck ones")
-    apart: float = setting(0.05, "misfit", "beyond which bodies are others",
-        "lower asks for another arm too often; higher seldom")
-    apart_sigmas: float = setting(2.5, "tolerances of inertia", "the same, where those are wide",
-        "as above")
-    much_better: float = setting(5.0, "times",
-        "that a free rigid body fits better than the given one",
-        "lower asks for another arm too often; higher seldom")
-    many: int = setting(3, "joints", "on which it does",
-        "fewer take a payload for another arm; more ask seldom")
-    negligible: float = setting(0.03, "misfit", "of which smaller ones are all good",
-        "larger sees no difference between good fits; smaller prefers by noise")
 
 
 @settings
@@ -203,10 +118,6 @@ class MISTAKES:
     rows: int = setting(1500, "", "that are enough to judge by", "more cost time")
     rows_to_turn: int = setting(400, "", "the same, where all angles of a joint are tried",
         "more cost time")
-    turns: int = setting(3, "", "of friction and angles in turn",
-        "more cost time; fewer do not settle")
-    left: float = setting(0.7, "of the recorded torque", "that may be left beside its gravity",
-        "higher puts gravity back where it was not taken out; lower misses that it was")
     angles: int = setting(120, "", "of a joint that are tried, over a turn",
         "more cost time; fewer miss the zero")
 
@@ -218,17 +129,10 @@ class MOUNTING:
     least: float = setting(15.0, "degrees", "that its base is turned by",
         "higher leaves large tilts to effects that are linear in them; lower takes a wrong body "
         "for a tilt")
-    better: float = setting(0.5, "of the misfit", "that may be left once it is turned",
-        "higher turns arms whose bodies or springs are others; lower overlooks turned ones that "
-        "bear something besides")
-    size: float = setting(1.4, "times", "the gravity that fits best may be off in size",
-        "higher takes wrong masses for a turned base; lower overlooks turned arms with a payload")
     square: float = setting(4.0, "degrees", "from an axis of the base that are none",
         "higher takes tilts for walls; lower takes what a fit is off by for a tilt")
     alike: float = setting(30.0, "rows", "whose errors are one independent error",
         "more judge fewer arms; fewer are surer than they may be")
-    sure: float = setting(0.1, "of gravity", "that its worst known direction may be off by",
-        "higher turns arms by noise; lower judges no arm whose motion is narrow")
 
 
 @settings

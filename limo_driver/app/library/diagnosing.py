@@ -206,12 +206,10 @@ def _replay(found: Diagnosis) -> Replay:
     from backends.mujoco_sim.replay import follow
     from estimators.diagnosis.report import worst_stretch
     from estimators.diagnosis.result import Replay
-    from estimators.diagnosis.settings.afterwards import REPLAY
+    from estimators.diagnosis.settings.afterwards import LOOPS, REPLAY
 
     floor = np.array(found.verdict.fit.noise_floor)
-    many = len(found.after.effects) > REPLAY.many
-    duration = REPLAY.duration_of_many if many else REPLAY.duration
-    worst = worst_stretch(found.traces, floor, duration)
+    worst = worst_stretch(found.traces, floor, LOOPS.duration)
     recording = found.recordings[worst.recording]
     stretch = (recording, worst.start, worst.stop, found.bandwidth)
     before = follow(found.before, *stretch)

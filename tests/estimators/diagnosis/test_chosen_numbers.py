@@ -4,6 +4,7 @@
 """
 
 import ast
+import re
 from dataclasses import FrozenInstanceError, fields
 from pathlib import Path
 
@@ -21,13 +22,9 @@ FILES = [
     and file.name != "figures.py"  # which is colours and sizes
     and "from_motion" not in file.parts  # whose numbers stand where they are used
 ]
-PLAIN = {0.0, 0.5, 1.0, 2.0, 10.0, 100.0, 1e3}  # of arithmetic, decades and units
+# of arithmetic, decades and units; 20 is the variance of a third difference of white noise
+PLAIN = {0.0, 0.5, 1.0, 2.0, 10.0, 20.0, 100.0, 1e3}
 NUMERICAL = 1e-6  # up to which a number only keeps others from being nothing
-MATHEMATICS = {
-    1.96: "the normal distribution's 97.5 % quantile",
-    1.4826: "deviation of a normal distribution over the median of absolute values",
-    20.0: "variance of a third difference of white noise",
-}
 NAMED = {  # constants of a module that no result hangs on
     "MOST": "characters of a headline",
     "_BODY": "indices of parameters",
@@ -55,11 +52,10 @@ def _without_progress(tree: ast.AST):
 
 def _is_chosen(node: ast.AST) -> bool:
     value = getattr(node, "value", None)
-    known = PLAIN | set(MATHEMATICS)
     return (
         isinstance(node, ast.Constant)
         and isinstance(value, float)
-        and value not in known
+        and value not in PLAIN
         and value > NUMERICAL
     )
 
@@ -114,6 +110,8 @@ Every number of the [diagnosis](diagnosis.md) that somebody chose. They stand in
 `estimators/diagnosis/settings/`, a file a stage, from which this page is written; there each says
 what it trades, and why it was chosen.
 
+Levels that mean the same everywhere, as what part of a whole matters, are shared.
+
 Not here: constants of mathematics, numbers up to 1e-6 that keep others from being nothing, where
 effects are looked for (with each effect), colours and sizes of the report, and the reach of
 tolerances, three deviations (`estimators/regression/evidence.py`).
@@ -130,16 +128,19 @@ def groups():
 
 def table() -> str:
     """Return all settings as Markdown."""
-    parts = [_HEAD]
+    shared = re.findall(
+        r"^([A-Z]\w+): Final = (.+?)  # (.+)$", Path(settings.__file__).read_text("utf-8"), re.M
+    )
+    rows = "\n".join(f"| `{name}` | {value} | {meaning} |" for name, value, meaning in shared)
+    parts = [_HEAD, f"## Shared\n\n| level | value | meaning |\n|---|---|---|\n{rows}\n"]
     for name, group in groups():
         parts.append(f"## `{name}`\n{group.__doc__}\n")
         parts.append("| setting | value | unit | meaning |\n|---|---|---|---|")
         for item in fields(group):
             value = getattr(group, item.name)
-            several = value if isinstance(value, tuple) else (value,)
-            text = ", ".join(f"{v:g}" for v in several)
+            many = ", ".join(f"{v:g}" for v in (value if isinstance(value, tuple) else (value,)))
             known = item.metadata
-            parts.append(f"| `{item.name}` | {text} | {known['unit']} | {known['meaning']} |")
+            parts.append(f"| `{item.name}` | {many} | {known['unit']} | {known['meaning']} |")
         parts[-1] += "\n"
     return "\n".join(parts)
 

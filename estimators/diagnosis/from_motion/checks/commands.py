@@ -11,6 +11,7 @@ from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_a
 from estimators.diagnosis.from_motion.checks.velocities import (
     ALIKE,
     AT_REST,
+    FOLLOWED,
     LOOSE,
     MORE,
     UNLIKE,
@@ -25,6 +26,7 @@ from estimators.diagnosis.from_motion.checks.velocities import (
     stuck,
 )
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range, commands_of
+from estimators.diagnosis.settings import FEW, SOME
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.checks import MOST_NORMALISED
@@ -37,19 +39,13 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_DEGREES: Final = (50.0, 75.0)  # of what is in degrees, over rad: 57.3 but for what servos lag
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
 _ENDS: Final = 2  # joints, and rows of each, at exactly the end of a normalised range
 _LAG: Final = 0.5  # [s], by which a joint may follow its command later
-# Of correlation, by which a joint follows another's command rather; and of as far as its command,
-# that a servo comes at least.
-_BETTER: Final = 0.3
 _STALLED: Final = (0.25, 1.0)  # [rad] of error that stays, for so long [s]
 _GAP: Final = re.compile(r"\d+ gaps?;")  # as recordings warn of them
-_FOLLOWED: Final = 0.1  # [rad] of error, below which a joint follows its command
 _SAME: Final = 1e-6  # [rad], mean distance of commands that are the positions themselves
-_AHEAD: Final = 3  # rows, by which positions may have been recorded as commands before
 
 
 def check_commands(
@@ -160,7 +156,7 @@ def _no_commands(recording: Recording) -> str:
             "no command changes while the joints move; expected the set-point in force at each "
             "row; was the arm led by hand, or its torque disabled?"
         )
-    for ahead in range(min(_AHEAD + 1, len(position) // 2)):
+    for ahead in range(min(FEW + 1, len(position) // 2)):
         target, did = command[: len(command) - ahead, moves], position[ahead:, moves]
         same = np.flatnonzero(moves)[np.abs(target - did).mean(axis=0) < _SAME]
         if same.size:
@@ -217,7 +213,7 @@ def _unit(other: FloatArray, rad: FloatArray, values: FloatArray) -> str:
     """
     normalised = "normalised, as -100 to 100"
     factors = (other / rad)[rad >= 0.5 * rad.max()]
-    if not _DEGREES[0] < float(factors.min()) < _DEGREES[1]:  # joints move as far, or less
+    if not 1 / MORE < np.deg2rad(float(factors.min())) < MORE:  # joints move as far, or less
         return normalised
     beyond = float(np.abs(values).max()) > MOST_NORMALISED
     return "in degrees" if beyond else f"in degrees, or {normalised}"
@@ -235,8 +231,8 @@ def _exchange_mistake(recording: Recording) -> str:
     alike = _likeness(command, position)
     far = does[:, None] / np.maximum(target, _SAME)  # (n, n), of each joint by each command
     own, moved = np.diag(alike)[:, None], does > MOVED
-    follows = (alike > ALIKE) & (far > _BETTER) & (far < MORE)
-    better = follows & ((own < UNLIKE) | (alike > own + _BETTER))
+    follows = (alike > ALIKE) & (far > SOME) & (far < MORE)
+    better = follows & ((own < UNLIKE) | (alike > own + SOME))
     mutual = better & better.T
     ratio = np.diag(far)
     sized = (ratio[:, None] > MORE) & (ratio < 1.0 / MORE) & follows & follows.T
@@ -391,7 +387,7 @@ def _left(command: FloatArray, position: FloatArray) -> bool:
     resting = np.abs(error[changed[-1] + 1 if changed.size else 0 :])
     if float(resting[-1] - resting.min()) > _STALLED[0]:
         return True
-    near = np.flatnonzero(np.abs(error) < _FOLLOWED)
+    near = np.flatnonzero(np.abs(error) < FOLLOWED)
     if not near.size:
         return False
     since = int(near[-1])

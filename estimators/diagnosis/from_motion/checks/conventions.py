@@ -34,7 +34,9 @@ from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoad
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.headline import likelier
 from estimators.diagnosis.quantities import of_joints
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import MATTERS, TINY
+from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
+from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.physics import EncoderOffset
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -48,13 +50,9 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-_ROWS: Final = 6000  # that are compared, at most
 _INDEPENDENT: Final = 2.0  # errors in a second
 _MOST_SIGNS: Final = 5  # joints that gravity loads, of which all signs are tried
 _DESCRIBED: Final = np.log(100.0)  # prior odds of a sign or zero as described against another
-_SURELY: Final = 10.0  # natural logarithm of odds; friction that holds a joint mimics some gravity
-_SURE: Final = np.log(20.0)  # from which on a joint counts as described
-_BETTER: Final = 0.1  # of the logarithm of a joint's error, that another convention has to gain
 _TURNS: Final = (np.pi / 2, -np.pi / 2, np.pi)  # [rad], zeros of other conventions
 
 
@@ -110,7 +108,7 @@ class Conventions:
     def determined(self) -> tuple[int, ...]:
         """Joints that surely count as the description does, 1-based."""
         pairs = zip(self.joints, self.odds, strict=True)
-        return tuple(j for j, odds in pairs if odds > _SURE)
+        return tuple(j for j, odds in pairs if odds > CONTRIBUTION.tellable)
 
     def _changes(self) -> str:
         return "; ".join(
@@ -178,7 +176,7 @@ def confirmed(
         recordings: With commands; the first few are simulated.
         found: By the lag alone.
     """
-    if found.as_described or found.log_odds < _SURELY:
+    if found.as_described or found.log_odds < CANDIDATES.missing:
         return found
     chosen, stated = list(recordings[:GLANCED]), rows_of(simulation)
     other = ArmChange(
@@ -193,7 +191,7 @@ def confirmed(
             fit = fit_joint(parts[j], begun, evaluations=GLANCE)
             away[k] += np.log(max(fit.mean_error, LEAST))
     gain = float(away[0] - away[1]) / len(found.joints)
-    return replace(found, confirmed=gain > _BETTER)
+    return replace(found, confirmed=gain > MATTERS)
 
 
 def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
@@ -277,7 +275,7 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
         parts.append((motion.position, motion.velocity, error))
     position, velocity, error = (np.concatenate(x) for x in zip(*parts, strict=True))
     moving = np.flatnonzero((np.abs(velocity) > MOVING).any(axis=1))
-    every = moving[:: max(1, moving.size // _ROWS)] if moving.size else np.arange(1)
+    every = moving[:: max(1, moving.size // MISTAKES.rows)] if moving.size else np.arange(1)
     return _Rows(position[every], velocity[every], error[every])
 
 

@@ -22,7 +22,7 @@ from estimators.diagnosis.from_motion.simulation.constants import value_in
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commands_of
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import HALF, LITTLE, SOME, TINY
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -41,12 +41,10 @@ if TYPE_CHECKING:
 _TURNS: Final = 3.0 * np.pi  # [rad] from where it begins, that no servo leads a joint without end
 _BEYOND: Final = np.pi  # [rad] behind the end of a joint, where nobody leads it
 _FAR: Final = 0.5  # [rad] from all commands of a joint, where few arms begin
-_NEAR: Final = 0.3  # of how far positions spread, by which set-points are near them
 _MORE: Final = 100.0  # times the torque that masses need, which no friction makes of it
-_LESS: Final = 1.0 / 20.0  # of it, that moves no arm
 # of the torque that a joint's own commands leave unexplained: below, it follows another's, or the
 # opposite of its own; of this, a joint that counts the other way leaves 0.4 and more
-_RATHER, _AGAINST = 0.5, 0.2
+_RATHER, _AGAINST = HALF, SOME
 
 
 def check_commanded(simulation: Simulation, recordings: Sequence[Recording]) -> tuple[str, ...]:
@@ -176,7 +174,7 @@ def _column_mistake(recording: Recording, joints: Sequence[int], sliding: Sequen
                 "in force at each row; was the arm led by hand, or its torque disabled?"
             )
     away = np.sqrt(np.mean((command - position) ** 2, axis=0))
-    if (away < _NEAR * np.std(position, axis=0))[list(joints)].all():
+    if (away < SOME * np.std(position, axis=0))[list(joints)].all():
         j = joints[0] + 1
         return (
             f"{TORQUE.name}_{j} is near position_{j} throughout; expected "
@@ -200,7 +198,7 @@ def _unit_mistake(
     size, needed = (np.sqrt(np.mean(x[:, list(joints)] ** 2, axis=0)) for x in (torque, load))
     ratio = size / np.maximum(needed, TINY)
     usual = float(np.median(ratio))
-    if _LESS < usual < _MORE:
+    if LITTLE < usual < _MORE:
         return ""
     what = (
         "in N mm or mA"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
-from estimators.diagnosis.from_motion.checks.velocities import LOOSE, UNLIKE
+from estimators.diagnosis.from_motion.checks.velocities import FOLLOWED, LOOSE, UNLIKE
 from estimators.diagnosis.from_motion.fitting.joint import GLANCE, GLANCED, errors, fit_joint
 from estimators.diagnosis.from_motion.fitting.starts import (
     choose_start,
@@ -28,7 +28,8 @@ from estimators.diagnosis.from_motion.simulation.constants import (
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, busiest, commands_of
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import CLEARLY, FAR, FEW, MATTERS, MOST, NEARLY_ALL, SOME, TINY
+from estimators.diagnosis.settings.residuals import REPEATS
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
 
@@ -44,12 +45,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _FARTHEST: Final = 0.5  # [s] of looking ahead
-# Of the error, which looking ahead has to get below; and of torque, tried as its limit.
-_BETTER: Final = 0.7
-_SMOOTHED: Final = 5  # rows
 _TRIED: Final = 50  # delays, of torques
 _OF_ONE_SIZE: Final = 2.0  # times the least, that lags of joints differ if they have one cause
-_OF_THAT: Final = 0.1  # of such a lag, a delay that is none beside it; and friction by load, tried
 _NONE: Final = 1e-3  # [s], a delay that is none
 
 
@@ -96,7 +93,7 @@ def _about_lags(delays: Sequence[float], short: Sequence[float], period: float) 
         period: Of the rows [s].
     """
     least = min(short, default=0.0)
-    if least <= period or max(short) > _OF_ONE_SIZE * least or max(delays) > _OF_THAT * least:
+    if least <= period or max(short) > _OF_ONE_SIZE * least or max(delays) > MATTERS * least:
         return ()
     return (
         f"No joint has a delay, and all follow their commands {np.median(short):.2g} s sooner than "
@@ -136,11 +133,11 @@ def _judge(simulation: Simulation, recording: Recording) -> tuple[list[float], l
             for delay in ahead
         ]
         best = int(np.argmin(scores))
-        if scores[best] < _BETTER * fit.mean_error:
+        if scores[best] < MOST * fit.mean_error:
             fit = min(fit, _limited(parts[j], fit), key=lambda own: own.mean_error)
         leads.append(-ahead[best])
         gains.append(scores[best] / max(fit.mean_error, TINY))
-    if leads and np.median(leads) > 0.0 and np.median(gains) < _BETTER:
+    if leads and np.median(leads) > 0.0 and np.median(gains) < MOST:
         raise RecordingError(
             f"commands come {float(np.median(leads)):.3g} s or more later than the positions that "
             "follow them; expected the set-point in force at each row",
@@ -184,8 +181,8 @@ def _limited(parts: Sequence[LoadedJoint], fit: JointFit) -> JointFit:
 
     What these do is no look ahead, and is explained by one in part.
     """
-    limit = _BETTER * most_of("torque_limit", parts, fit.row)
-    begun = with_values(fit.row, {"torque_limit": limit, "by_load": _OF_THAT})
+    limit = MOST * most_of("torque_limit", parts, fit.row)
+    begun = with_values(fit.row, {"torque_limit": limit, "by_load": MATTERS})
     names = (*fit.names, "torque_limit", "by_load")
     return fit_joint(parts, begun, names)
 
@@ -208,7 +205,7 @@ def _seems_early(recording: Recording) -> bool:
 def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
     """Return by how much a position seems later than its command [s]."""
     reach = max(1, round(_FARTHEST * rate))
-    mean = np.ones(_SMOOTHED) / _SMOOTHED
+    mean = np.ones(FEW) / FEW
     commanded, did = (np.convolve(np.diff(x), mean, "same") for x in (command, position))
     if commanded.size < 4 * reach:
         return 0.0
@@ -223,16 +220,9 @@ def _shift(command: FloatArray, position: FloatArray, rate: float) -> float:
     return (best - reach) / rate if scores[best] > UNLIKE else 0.0
 
 
-_LEAP: Final = 1.6  # times the pace or period of the rows around, at which a row is missing
-_STEADY: Final = 4.0  # times what paces differ by, or ticks of an encoder, that a leap exceeds
 _AROUND: Final = 2  # rows before a leap and behind it, that have to agree
-_FEW: Final = 3  # rows, from which on frames are missing
-_EVEN: Final = 0.2  # of a period, by which most rows may come early or late where some are missing
-_JUMP: Final = 3.0  # times the fastest elsewhere, at which no arm moves
-_JUMPED: Final = 0.02  # [rad], least that a joint moves at once where many rows are missing
 _TOGETHER: Final = 0.5  # of what joints jump, that their commands do in the same row
 _PAST: Final = 2.0  # [s], in which a servo in order has come to where it was told
-_NEAR, _AWAY = 0.1, 0.3  # [rad] beyond the commands of that time: where it begins, and is sure
 
 
 def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
@@ -243,12 +233,12 @@ def dropped_frames(recording: Recording, name: str) -> Iterator[str]:
         name: Of the recording, as it is told.
     """
     time = recording.time
-    if (late := _late(recording)).size >= _FEW:
+    if (late := _late(recording)).size >= FEW:
         yield (
             f"rows are missing: {late.size} times the next one came two periods later or more "
             f"({name}, first at {time[late[0]]:.1f} s)"
         )
-    if len(rows := _leaps(recording)) >= _FEW:
+    if len(rows := _leaps(recording)) >= FEW:
         yield (
             f"in {len(rows)} rows joints move much further than in the rows around; "
             f"were frames dropped and the others stamped evenly? ({name}, first at "
@@ -268,11 +258,11 @@ def _late(recording: Recording) -> NDArray[np.intp]:
     """
     steps = np.diff(recording.time)
     period = float(np.median(steps))
-    if float(np.percentile(np.abs(steps - period), 90)) > _EVEN * period:
+    if float(np.quantile(np.abs(steps - period), NEARLY_ALL)) > SOME * period:
         return np.array([], dtype=np.intp)
     left_out = [row for item in recording.left_out for row in item.rows]
     given = np.setdiff1d(np.arange(len(recording) + len(left_out)), left_out)
-    return np.flatnonzero((steps > _LEAP * period) & (np.diff(given) == 1))
+    return np.flatnonzero((steps > CLEARLY * period) & (np.diff(given) == 1))
 
 
 def _jump(recording: Recording) -> int | None:
@@ -288,9 +278,9 @@ def _jump(recording: Recording) -> int | None:
         _fastest(position, time, row)
         & _fastest(command, time, row)
         & (commanded * moved > _TOGETHER * moved**2)
-        & (np.abs(moved) > _JUMPED)
+        & (np.abs(moved) > REPEATS.near)
     )
-    least = min(2, int((np.ptp(position, axis=0) > _JUMPED).sum()))
+    least = min(2, int((np.ptp(position, axis=0) > REPEATS.near).sum()))
     return row + 1 if 0 < least <= int(jumped.sum()) else None
 
 
@@ -302,7 +292,7 @@ def _paces(values: FloatArray, time: FloatArray) -> FloatArray:
 def _fastest(values: FloatArray, time: FloatArray, row: int) -> NDArray[np.bool_]:
     """Say which joints move much faster behind a row than anywhere else, (n,)."""
     pace = _paces(values, time)
-    return pace[row] > _JUMP * np.delete(pace, row, axis=0).max(axis=0, initial=0.0)
+    return pace[row] > FAR * np.delete(pace, row, axis=0).max(axis=0, initial=0.0)
 
 
 def _leaps(recording: Recording) -> list[int]:
@@ -326,12 +316,12 @@ def _leaps(recording: Recording) -> list[int]:
     around = [pace[_AROUND + k : last + k] for k in (*range(-_AROUND, 0), *range(1, _AROUND + 1))]
     mean = np.mean(around, axis=0)
     length = np.linalg.norm(mean, axis=1)
-    fast = length > _STEADY * least
+    fast = length > FAR * least
     length = np.where(fast, length, 1.0)
     times = (here * mean).sum(axis=1) / length**2
     apart = np.max([np.linalg.norm(a - b, axis=1) for a, b in combinations(around, 2)], axis=0)
     uneven = np.maximum(apart - 2.0 * least, 0.0) / length
-    leap = (times > _LEAP) & (times - 1.0 > _STEADY * uneven) & (uneven < 1.0)
+    leap = (times > CLEARLY) & (times - 1.0 > FAR * uneven) & (uneven < 1.0)
     return (np.flatnonzero(leap & fast) + _AROUND).tolist()
 
 
@@ -357,9 +347,9 @@ def led_away(time: FloatArray, command: FloatArray, position: FloatArray) -> tup
     beyond = np.where(position > high, position - high, np.minimum(position - low, 0.0))
     near = -1
     for i, far in enumerate(beyond.tolist()):
-        if abs(far) < _NEAR:
+        if abs(far) < FOLLOWED:
             near = i
-        elif abs(far) > _AWAY and near >= 0:
+        elif abs(far) > FAR * FOLLOWED and near >= 0:
             if np.sign(far) * (position[i] - position[near]) > LOOSE:
                 return float(time[near]), float(np.abs(beyond[near : i + rows]).max())
             near = -1  # its command went away from it

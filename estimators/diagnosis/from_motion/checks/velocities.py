@@ -23,7 +23,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commands_of
-from estimators.diagnosis.settings import LEVEL
+from estimators.diagnosis.settings import CLEARLY, HALF, LEVEL, MATTERS, MOST, SOME
+from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -37,24 +38,19 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _LATE: Final = 0.3  # [s], by which a joint may follow
-ALIKE, UNLIKE = 0.8, 0.4  # correlations
+ALIKE, UNLIKE = MOST, HALF  # correlations
 _STRAIGHT: Final = LEVEL  # correlation of commands and positions that are alike
-_BETTER: Final = 0.2  # of correlation, by which commands are like a position rather
 _SAME: Final = 1e-6  # of the velocity, by which commands are the velocity itself
-_LESS, MORE = 1 / 8, 1.3  # times as fast as told, that a servo moves its joint
+_LESS, MORE = MATTERS, 1.3  # times as fast as told, that a servo moves its joint
 _UNITS: Final = {"deg/s": 180.0 / np.pi, "revolutions per minute": 30.0 / np.pi}  # in 1 rad/s
-_NEAR: Final = (0.75, 1.6)  # of such a number, that a servo may lack or friction take
+_NEAR: Final = (MOST, CLEARLY)  # of such a number, that a servo may lack or friction take
 _LASTING: Final = 1.0  # [s] in which a joint does not obey
-_TOLD: Final = 0.2  # [rad/s], told to a joint that rests
-_LOOSE: Final = 0.3  # [rad/s], of a joint that is told to rest
-LOOSE: Final = 0.15  # [rad] by which a joint moves away from where it is told to rest
+LOOSE: Final = 0.15  # [rad, rad/s] that a joint does not move away from where it is told to rest
 AT_REST: Final = 0.002  # [rad] that a joint moves less than where it rests
-_SWING: Final = 0.1  # [rad] of command, that friction of a servo in order hardly holds
+FOLLOWED: Final = 0.1  # [rad] by which a servo in order may be behind its command
 _TIMES: Final = 2.0  # what friction holds elsewhere in the recording, that it has to exceed
 _LONG: Final = 0.5  # [s], beside which a command that acts late is short
-_CHANGES: Final = 50  # of a joint's position, fewer of which show no step
-_WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it
-_LIKE: Final = 0.01  # of a step, by which two are alike
+_WHOLE: Final = 0.02  # of a step, by which changes are whole numbers of it, and steps alike
 _FINEST: Final = 1e-6  # [rad], a step of no encoder: finer ones are of numbers of 32 bits
 
 
@@ -145,7 +141,7 @@ def _mistake(commanded: _Told, j: int, unit: str) -> str:
     if (k := next((k for k in others if commanded.follows(j, k) > ALIKE), None)) is not None:
         return f"joint {j + 1} follows {VELOCITY.name}_{k + 1}, not {name}; are joints exchanged?"
     position = commanded.recording.position[:, j]
-    if correlation(command, position) > max(ALIKE, abs(own) + _BETTER):
+    if correlation(command, position) > max(ALIKE, abs(own) + SOME):
         return (
             f"{name} follows position_{j + 1}, not its velocity; expected {unit}/s; are these "
             f"set-points of positions, {POSITION.name}_{j + 1}?"
@@ -192,13 +188,13 @@ def _odd(commanded: _Told, j: int, name: str, unit: str) -> Iterator[str]:
         command, moved = commanded.command[part, j], float(np.ptp(recording.position[part, j]))
         where = f"{name}, {recording.time[start]:.1f} s"
         slowest = float(np.abs(command).min())
-        if moved < AT_REST and slowest > _TOLD and abs(float(np.sign(command).sum())) == rows:
+        if moved < AT_REST and slowest > LOOSE and abs(float(np.sign(command).sum())) == rows:
             yield (
                 f"joint {j + 1} is stalled: it rests while it is told {slowest:.2f} {unit}/s "
                 f"({where})"
             )
             return
-        if not commanded.command[before, j].any() and moved > _LOOSE * _LASTING:
+        if not commanded.command[before, j].any() and moved > LOOSE * _LASTING:
             yield (
                 f"joint {j + 1} moves by {moved:.2f} {unit} while it is told to rest; was its "
                 f"torque disabled? ({where})"
@@ -233,7 +229,7 @@ def stuck(
         return 0.0, 0.0, 0.0
     swing, lasting, since, until = max(swings)
     usual = sorted(own for own, *_ in swings)[-2] if len(swings) > 1 else 0.0
-    is_stuck = lasting > _LONG and swing > max(_SWING, _TIMES * usual)
+    is_stuck = lasting > _LONG and swing > max(FOLLOWED, _TIMES * usual)
     return (since, until, swing) if is_stuck else (0.0, 0.0, 0.0)
 
 
@@ -311,7 +307,7 @@ def odd_steps(recording: Recording, sliding: Sequence[bool] = ()) -> str:
     odd = [j for j, step in steps.items() if step > 0.0]
     if any(_of_a_turn(steps[j]) for j in odd):
         return ""
-    different = [j for j in odd if abs(steps[j] / steps[odd[0]] - 1.0) > _LIKE]
+    different = [j for j in odd if abs(steps[j] / steps[odd[0]] - 1.0) > _WHOLE]
     if not different:
         return ""
     j, k = odd[0], different[0]
@@ -329,10 +325,10 @@ def _step(position: FloatArray) -> float:
     """
     changes = np.abs(np.diff(position))
     changes = changes[changes > 0.0]
-    if changes.size < _CHANGES:
+    if changes.size < MISTAKES.least_moving:
         return 0.0
     step = float(np.percentile(changes, 1, method="lower"))
-    near = changes[changes < 1.5 * step]
+    near = changes[changes < CLEARLY * step]
     step = float(np.median(near))
     times = changes / step
     off = np.abs(times - np.round(times)) / np.maximum(np.round(times), 1.0)
@@ -342,7 +338,7 @@ def _step(position: FloatArray) -> float:
 def _of_a_turn(step: float) -> bool:
     """Say whether a step [rad] is a turn over a power of two."""
     bits = np.log2(2.0 * np.pi / step)
-    return bool(abs(bits - round(bits)) < np.log2(1.0 + _LIKE))
+    return bool(abs(bits - round(bits)) < np.log2(1.0 + _WHOLE))
 
 
 def slope_of(command: FloatArray, position: FloatArray) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.fitting.joint import COARSE, independent
 from estimators.diagnosis.from_motion.simulation import constants as c
-from estimators.diagnosis.settings import MAD
+from estimators.diagnosis.settings import FAR, FINE, MAD
 from estimators.regression.definite import SymmetricSpectrum
 from limo_driver.physics.drives import MOST_SAG
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
@@ -33,7 +33,7 @@ _SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, M
 _AT_END: Final = 1e-6  # deviations from the end of where a constant is kept, that are none
 _RUN_AWAY: Final = 100.0  # [rad], of a joint that constants tried make unstable
 _ENOUGH: Final = 1e-3  # of a nat, gained by a step
-_DAMPING, _EASIER, _HARDER, _STUCK = 1e-3, 0.3, 5.0, 1e6
+_STUCK: Final = 1e6  # damping, at which nothing moves any more
 _STRETCH: Final = 2.0  # of a logarithm, the longest step
 
 
@@ -220,7 +220,7 @@ def _descended(
     guess = problem.kept_within(start)
     known = errors is not None and np.array_equal(guess.rows, start.rows)
     found = list(errors if errors is not None and known else problem.errors(guess))
-    cost, damping = problem.cost(guess, found, own), _DAMPING
+    cost, damping = problem.cost(guess, found, own), FINE
     for _ in range(steps):
         hessian, gradient = _normal(problem, guess, found, own)
         before, movable = cost, _movable(problem, guess, gradient, own)
@@ -230,9 +230,9 @@ def _descended(
             after = _errors(problem, tried, own, found, all_of=bool(guess.shared))
             value = problem.cost(tried, after, own)
             if value < cost:
-                guess, found, cost, damping = tried, after, value, damping * _EASIER
+                guess, found, cost, damping = tried, after, value, damping / FAR
                 break
-            damping *= _HARDER
+            damping *= FAR
         if before - cost < _ENOUGH:
             return ArmFit(guess, cost, tuple(found)), hessian
     return ArmFit(guess, cost, tuple(found)), None

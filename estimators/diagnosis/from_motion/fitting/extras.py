@@ -28,6 +28,7 @@ from estimators.diagnosis.from_motion.fitting.starts import (
     with_lag,
 )
 from estimators.diagnosis.from_motion.simulation import constants as c
+from estimators.diagnosis.settings import FEW, HALF, LITTLE, SOME
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -106,12 +107,12 @@ PROFILE: Final = Extra(
     {},
     "acceleration",
     {"straight": 1.0},
-    {"inertia": 0.2},
+    {"inertia": SOME},
     of=("kp",),
 )
 EXTRAS: Final = (
     Extra("stribeck_friction", {"stribeck": 0.05, "v_s": 0.05}),
-    Extra("load_dependent_friction", {"by_load": 0.4}, eased={c.COULOMB: 0.3}),
+    Extra("load_dependent_friction", {"by_load": 0.4}, eased={c.COULOMB: SOME}),
     Extra("dead_band", {"dead_band": 0.005}, of=("kp",)),
     Extra("profile_speed", {}, "speed", of=("kp",)),
     Extra("profile_acceleration", {}, "acceleration", of=("kp",)),
@@ -119,12 +120,9 @@ EXTRAS: Final = (
     Extra("torque_limit", {}, "torque_limit"),
     Extra("integral_gain", {"ki": 10.0}, of=("kv",)),
 )
-MOST: Final = 3  # of one joint
-GAIN: Final = 0.97  # of the error on motion not seen, which an effect has to get below
-_SURE: Final = 0.4  # of the logarithm of a constant; a deviation beyond says that it is not seen
 _PIECE: Final = 10.0  # [s]
 # The profile of hobby servos: LeRobot sets theirs to 254 times 100 steps/s² of 4096 steps a turn.
-USUAL_PROFILE: Final = c.BelievedValue(39.0, 0.25)  # [rad/s²]
+USUAL_PROFILE: Final = c.BelievedValue(39.0, SOME)  # [rad/s²]
 
 
 def fit_with_extras(
@@ -151,7 +149,7 @@ def fit_with_extras(
     found: list[str] = []
     best = _best(seen, row, names, priors)
     score, waiting = _score(unseen, best.row), [one for one in EXTRAS if one.fits(row)]
-    while len(found) < MOST:
+    while len(found) < FEW:
         # a servo that is mostly at a limit looks like another, of less gain
         kept = (*(name for name in names if name not in c.base_of(row)), *PROFILE.shape)
         other = c.with_values(row, {name: best.value(name) for name in kept})
@@ -281,10 +279,10 @@ def _proven(
         score: Error without it [rad].
     """
     names = [name for name in fit.names if name not in before.names]
-    if max(fit.deviation[name] for name in names) > _SURE:
+    if max(fit.deviation[name] for name in names) > HALF:
         return np.inf
     without = c.with_values(fit.row, {name: before.value(name) for name in names})
-    return own if own < GAIN * min(score, _score(parts, without)) else np.inf
+    return own if own < (1 - LITTLE) * min(score, _score(parts, without)) else np.inf
 
 
 def _score(parts: Sequence[LoadedJoint], row: FloatArray) -> float:

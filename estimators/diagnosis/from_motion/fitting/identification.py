@@ -16,7 +16,6 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from estimators.diagnosis.from_motion.fitting.extras import (
-    GAIN,
     PROFILE,
     OfAKind,
     fit_with_extras,
@@ -33,6 +32,7 @@ from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.free_run import MOVED, commanded_range
 from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import rows_of, with_rows
+from estimators.diagnosis.settings import LITTLE, MATTERS
 from limo_driver.model.units import unit_of
 from limo_driver.physics import (
     PositionServo,
@@ -56,13 +56,12 @@ if TYPE_CHECKING:
 # Of the largest load of the arm, from which on gravity gives a joint's scale and tells its sign. A
 # smaller part lets friction and masses known to some percent pass for gravity; a larger one leaves
 # more joints with ratios alone.
-_LOADED: Final = 0.05
+_LOADED: Final = LITTLE
 _WEIGHTLESS: Final = 1e-6  # [N m]
-_OFFSET: Final = 0.1  # of a joint's largest load: what may pull on it beside the known masses
-_USUAL: Final = {c.DAMPING: 1.0, "delay": 1.0, "inertia": 1.0, "kv": 1.5}  # of their logarithms
+_USUAL: Final = (c.DAMPING, "delay", "inertia", "kv")  # known to a factor of e
 # said to be undecided where recordings do not show them
 ASKED: Final = (*c.GAINS, "delay", "inertia")
-_OF_A_KIND: Final = 0.7  # deviation of the logarithm of the gains of an arm's servos
+_OF_A_KIND: Final = np.log(2.0)  # deviation of the logarithm of the gains of an arm's servos
 SURE: Final = 0.5  # of a logarithm; above, recordings at this rate do not show a constant
 _TYPICAL_DRIVES: Final = {  # by what a joint is told
     POSITION.name: partial(PositionServo, kp=TYPICAL["kp"]["kp"]),
@@ -272,7 +271,7 @@ def _of_a_kind(
 
     with ThreadPoolExecutor() as pool:
         alike = list(pool.map(tried, others))
-    if len(has) * np.log(GAIN) + np.log([one.ratio for one in alike]).sum() >= 0.0:
+    if len(has) * np.log(1 - LITTLE) + np.log([one.ratio for one in alike]).sum() >= 0.0:
         return found
     return found | {j: (one.fit, one.found) for j, one in zip(others, alike, strict=True)}
 
@@ -299,12 +298,9 @@ def _believed(row: FloatArray, load: float | None) -> dict[str, c.BelievedValue]
         row: The constants that the fit starts from.
         load: Largest torque of gravity on it [N m], where that gives the scale.
     """
-    believed = {
-        name: c.BelievedValue(c.value_in(row, name), deviation)
-        for name, deviation in _USUAL.items()
-    }
+    believed = {name: c.BelievedValue(c.value_in(row, name), 1.0) for name in _USUAL}
     if load is not None:
-        believed["offset"] = c.BelievedValue(0.0, _OFFSET * load)
+        believed["offset"] = c.BelievedValue(0.0, MATTERS * load)
     return believed
 
 

@@ -12,7 +12,8 @@ from scipy.stats import t as student_t
 
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-from estimators.diagnosis.settings import TAIL, TINY, Z95
+from estimators.diagnosis.settings import FAR, FEW, LITTLE, MATTERS, TAIL, TINY, Z95
+from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.regression.definite import SymmetricSpectrum, jackknife
 
 if TYPE_CHECKING:
@@ -23,15 +24,12 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
-COARSE: Final = 3.0  # typical errors, from which on they do at first
+COARSE: Final = FAR  # typical errors, from which on they do at first
 _FINER: Final = 7.0  # times smaller in the next fit
 GLANCE: Final = 8  # evaluations, of a fit that is not to be the last
-GLANCED: Final = 3  # recordings at most, that such a fit sees
+GLANCED: Final = FEW  # recordings at most, that such a fit sees
 EVALUATIONS: Final = 25
-_ENOUGH, _NEAR = 1e-5, 1e-4  # of the cost, and of the constants: steps that gain less are the last
-_CORRELATED: Final = 0.05  # below this, errors are taken for uncorrelated
-_BLOCKS: Final = 8  # of motion at most, each left out once
-_FEW: Final = 3  # stretches, below which blocks are of time
+_ENOUGH: Final = 1e-5  # of the cost, and of the constants: steps that gain less are the last
 _LEFT_OUT: Final = 6  # steps of linear fits to what is left
 _FARTHEST: Final = 1.0  # of a logarithm or in the unit, that a block left out may move a constant
 
@@ -149,10 +147,10 @@ def fit_joint(
             slopes,  # pyright: ignore[reportArgumentType]  # scipy's own stub is too narrow
             loss=partial(_robust, held),  # pyright: ignore[reportArgumentType]  # likewise
             f_scale=large,
-            x_scale=np.where([name in c.SIGNED for name in names], 0.1, 0.3),
+            x_scale=np.where([name in c.SIGNED for name in names], MATTERS, 1 / FAR),
             max_nfev=evaluations,
             ftol=_ENOUGH,
-            xtol=_NEAR,
+            xtol=_ENOUGH,
             args=(weight,),
         )
         if large == _ROBUST:
@@ -248,10 +246,10 @@ def slopes_at(parts: Sequence[LoadedJoint], fit: JointFit) -> FloatArray:
 
 def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
     """Return the block of each row, (T,): whole stretches, as what is amiss goes with a motion."""
-    if len(sizes) < _FEW:
+    if len(sizes) < FEW:
         rows = sum(sizes)
-        return np.arange(rows) * _BLOCKS // rows
-    return np.repeat(np.arange(len(sizes)) % _BLOCKS, sizes)
+        return np.arange(rows) * HELD_OUT.blocks // rows
+    return np.repeat(np.arange(len(sizes)) % HELD_OUT.blocks, sizes)
 
 
 def _robust(held: int, squares: FloatArray) -> FloatArray:
@@ -276,7 +274,7 @@ def independent(error: FloatArray) -> float:
     total, lag = 1.0, 1
     while lag < centred.size // 4:
         correlation = float(centred[lag:] @ centred[:-lag]) / power
-        if correlation < _CORRELATED:
+        if correlation < LITTLE:
             break
         total += 2.0 * correlation * (lag if lag > 1 else 1)
         lag *= 2

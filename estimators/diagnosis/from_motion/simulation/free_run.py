@@ -16,7 +16,9 @@ import numpy as np
 
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation import joint_step as step
+from estimators.diagnosis.from_motion.simulation.one_joint import FIT_STEP
 from estimators.diagnosis.from_motion.simulation.plant import ServoArm
+from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import inverse_dynamics
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -32,12 +34,12 @@ if TYPE_CHECKING:
     from limo_driver.recordings.recording import Recording
     from limo_driver.types import FloatArray
 
-LONGEST_STEP: Final = 0.005  # [s]
+LONGEST_STEP: Final = FIT_STEP / 2  # [s]
 _SWEEPS: Final = 5000
 _CONVERGED: Final = 1e-7  # [rad/s]
 _RESTS: Final = 60.0  # [s] of one command, after which an arm moves no more
 ROUNDING: Final = 1e-9  # [s], of sums of steps
-MOVED: Final = 0.05  # [rad], range of its commands from which on a joint is identified
+MOVED: Final = ROWS.travel  # [rad], range of its commands from which on a joint is identified
 _ARM: Final = ("rotation", "translation", "axis", "gravity", "links", "rows")
 _ENOUGH: Final = 0.5  # [rad], beyond which more range says little more
 

@@ -15,6 +15,7 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from estimators.diagnosis.from_motion.simulation import constants as c
 from estimators.diagnosis.from_motion.simulation import joint_step as step
+from estimators.diagnosis.settings import MATTERS
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
@@ -25,7 +26,8 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 FIT_STEP: Final = 0.01  # [s]; the whole arm takes shorter ones
-LONGER: Final = 0.1  # of it, that steps may be longer: rows come a little late more often than not
+LONGER: Final = MATTERS  # of it, that steps may be longer: more often than not rows are late
+
 _STILL: Final = 0.02  # [rad/s], below which a joint is at rest, and friction is what it has to be
 _INSTANT: Final = 1e-3  # [s], in which torque shows as a change of velocity
 _COLUMNS: Final = len(c.CONSTANTS)

@@ -246,8 +246,7 @@ class Rotation:
         some = columns.only(index)
         place = {int(column): k for k, column in enumerate(index)}
         own = replace(nuisance, index=_placed(place, nuisance.index))
-        turns = range(-HELD_OUT.turn, HELD_OUT.turn + 1)
-        blocks = ([block + turn for block in HELD_OUT.which] for turn in turns)
+        blocks = ([block + turn for block in HELD_OUT.which] for turn in (-1, 0, 1))
         splits = tuple(Split.of(observed, which) for which in blocks)
         sums = tuple(
             normal_equations(some, target, noise.over(split.fitted, observed.segment), split.fitted)

@@ -16,7 +16,7 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.problem import fitted
 from estimators.diagnosis.headline import is_of_bodies
 from estimators.diagnosis.held_out import rmse, surely_positive
-from estimators.diagnosis.settings import ROUNDING, TINY
+from estimators.diagnosis.settings import MATTERS, ROUNDING, TINY
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.regression.evidence import REACH
@@ -123,7 +123,7 @@ def material(
     left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
     moving = problem.observed.moving
     gained, proven = taken_off(left, bare, moving), taken_off(ahead, behind, rows)
-    shown = proven >= -CONTRIBUTION.slight * gained
+    shown = proven >= -MATTERS * gained
     part = np.where(
         _misses(left, bare, rows, moving),
         shown * gained / _square(left, moving),
@@ -202,7 +202,7 @@ def convincing(problem: RegressionProblem, solution: Solution, member: int) -> b
     size = material(problem, solution, member)
     if size < CONTRIBUTION.material or not sure(problem, solution, member):
         return False
-    if size >= JUDGEMENT.small:
+    if size >= 1.0:
         return True
     least = (1.0 - JUDGEMENT.precise) * contribution_of_all(problem, solution)
     own = own_joints(problem, member)
@@ -258,7 +258,7 @@ def _misses(
 ) -> NDArray[np.bool_]:
     """Mark the joints (n,) on which rows held out have little of what a member adds."""
     added = bare - left
-    return np.asarray(rmse(added, held_out) ** 2 < CONTRIBUTION.seen * rmse(added, moving) ** 2)
+    return np.asarray(rmse(added, held_out) ** 2 < 0.5 * rmse(added, moving) ** 2)
 
 
 def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:

@@ -199,7 +199,7 @@ def _latest(alone: _OneJoint, beside: Solution, known: TimeDelay, *, long: bool)
     for name in _LAWS:
         own: _Late | None = None
         for k, time in enumerate(TIMES):
-            if k == LATENESS.asked and own is None and not long:
+            if k > 1 and own is None and not long:
                 break  # what does not begin to help is not there
             evidence, coefficients = alone.fit(TimeDelay(joint=alone.joint + 1, **{name: time}))
             gain = evidence - least

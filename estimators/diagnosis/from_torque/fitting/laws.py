@@ -25,8 +25,8 @@ from estimators.diagnosis.from_torque.hypotheses.catalogue import rivals
 from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
+from estimators.diagnosis.settings import FAR, FEW, LITTLE, MATTERS
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
-from estimators.diagnosis.settings.residuals import ELSEWHERE
 from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import is_more, ranked
 from estimators.regression.evidence import Evidence, NormalEquations, Prior, joined
@@ -94,7 +94,7 @@ def confused(problem: RegressionProblem, solution: Solution, member: int) -> lis
     """
     own, taken = problem.candidates[member], {problem.candidates[i].slot for i in solution.members}
     gain, rest = solution.search.gain, tuple(i for i in solution.members if i != member)
-    enough = gain(rest) + LAWS.resembling * (gain((*rest, member)) - gain(rest))
+    enough = gain(rest) + CONTRIBUTION.most * (gain((*rest, member)) - gain(rest))
     best: dict[str, tuple[float, int]] = {}
     for i, item in enumerate(problem.candidates):
         if item.slot in taken or not compete(item, own):
@@ -157,7 +157,7 @@ def _of_few_slips(hypothesis: Hypothesis, carried: FloatArray) -> Iterator[Hypot
         groups = zip(np.split(np.log(widths), cuts), np.split(carried, cuts), strict=True)
         return sum(float(c @ (w - np.average(w, weights=c)) ** 2) for w, c in groups)
 
-    for many in range(1, min(LAWS.slips, widths.size) + 1):
+    for many in range(1, min(FEW, widths.size) + 1):
         cuts = min(combinations(range(1, widths.size), many - 1), key=apart)
         split = zip(np.split(carried, cuts), np.split(carried / widths, cuts), strict=True)
         own = [float(force.sum() / stiffness.sum()) for force, stiffness in split]
@@ -231,7 +231,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
         options={
             "maxfev": REFINEMENT.evaluations,
             "xatol": REFINEMENT.tolerance,
-            "fatol": REFINEMENT.gained,
+            "fatol": LITTLE,
             "initial_simplex": _simplex(begin),
         },
     )
@@ -241,7 +241,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
 
 
 def _simplex(start: FloatArray) -> FloatArray:
-    step = REFINEMENT.step * np.where(start > 0.5, -1.0, 1.0)  # noqa: PLR2004  # towards the middle
+    step = MATTERS * np.where(start > 0.5, -1.0, 1.0)  # noqa: PLR2004  # towards the middle
     return np.concatenate([start[None], start + np.diag(step)])
 
 
@@ -335,7 +335,7 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
         if not seen:
             return effect
         if slope is not None and known is None:
-            seen["speed"] *= ELSEWHERE.reach
+            seen["speed"] *= FAR
         domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
         return replace(effect, domain=domain)
 
@@ -351,7 +351,7 @@ def farther(found: Observations, given: Simulation) -> Observations:
         known = effect.domain if isinstance(effect, QuadraticDrag) else None
         if known is None or known.speed is None or effect.place in stated:
             return effect
-        return replace(effect, domain=replace(known, speed=ELSEWHERE.reach * known.speed))
+        return replace(effect, domain=replace(known, speed=FAR * known.speed))
 
     simulation = found.simulation
     return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))

@@ -46,7 +46,7 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import block_of, blocks_of_time, rmse
-from estimators.diagnosis.settings import LEVEL
+from estimators.diagnosis.settings import FINE, LEVEL
 from estimators.diagnosis.settings.fitting import CANDIDATES, NEWTON
 from estimators.regression.definite import inverse_root
 from estimators.regression.evidence import Prior, joined, posterior
@@ -127,7 +127,7 @@ class Linearised:
 
         known = left(self.observed)
         size = rmse(known, split)
-        enough = (1 - NEWTON.enough) * _energy(known, noise, split)
+        enough = (1 - FINE) * _energy(known, noise, split)
         # tolerances count from what is stated, not from where we are
         start = self.nuisance.start
         for trial in self._shorter(self._newton(residual, noise, split, start, self.known)):
@@ -153,7 +153,7 @@ class Linearised:
         residual = self.observed.residual
         noise = Noise.of(residual, split, self.observed.segment, self.observed.least_noise)
         start = np.concatenate([self.nuisance.start, *(off(own, given) for own in self.found)])
-        most = (1 + NEWTON.enough) * _energy(residual, noise, split)
+        most = (1 + FINE) * _energy(residual, noise, split)
         for trial in self._shorter(self._newton(residual, noise, split, start, self.known)):
             if _energy(trial.residual, noise, split) <= most:
                 return trial

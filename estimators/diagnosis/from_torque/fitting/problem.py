@@ -33,8 +33,7 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.fitting import SOLVING
+from estimators.diagnosis.settings import LITTLE, TINY
 from estimators.regression.evidence import Evidence, Posterior, Prior
 from limo_driver.errors import ConfigError
 from limo_driver.physics import Tolerances
@@ -136,7 +135,7 @@ class RegressionProblem:
             A = noise.whiten(values[:, used], joint, rows)
             freedom = float(np.sum((A @ fitted.covariance[np.ix_(own, own)]) * A))
             left = 1.0 - freedom / max(len(A), 1)
-            factor[joint] = 1.0 / np.sqrt(max(left, SOLVING.least_left))
+            factor[joint] = 1.0 / np.sqrt(max(left, LITTLE))
         return factor
 
     def torques(self, fitted: Posterior, prior: Prior) -> FloatArray:

@@ -28,8 +28,8 @@ from estimators.diagnosis.from_torque.fitting.simplicity import loaded, simplifi
 from estimators.diagnosis.from_torque.fitting.solving import solve
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
-from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, SOLVING
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings import SOME
+from estimators.diagnosis.settings.fitting import CONTRIBUTION, SOLVING
 from estimators.regression.definite import ranked
 from estimators.regression.evidence import REACH, joined, posterior
 from limo_driver.physics.effect import MotionEffect
@@ -107,7 +107,7 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     left = simulated(problem, solution)
     if not _errs_too_much(problem, solution, left):
         return None
-    most = (1.0 - SOLVING.blamed) * _deviation(problem, solution, solution, left)
+    most = 0.5 * _deviation(problem, solution, solution, left)
     gain = {
         member: _less(problem, solution, (member,)).gain
         for member in solution.members
@@ -136,7 +136,7 @@ def _errs_too_much(problem: RegressionProblem, solution: Solution, left: FloatAr
     rows = problem.split.fitted
     given = np.maximum(rmse(problem.observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
-    return bool((rmse(left, rows) > np.maximum(given, SOLVING.followed * linear)).any())
+    return bool((rmse(left, rows) > np.maximum(given, 2 * linear)).any())
 
 
 def _deviation(
@@ -253,7 +253,7 @@ def _not_recorded(
         agrees = np.add.reduceat(of_law * recorded, starts) > 0
         stands_out = impact > 2.0 * np.median(highest)
         seen = agrees & (highest >= impact)
-        few = np.sum(seen[stands_out]) < LAWS.recorded * np.sum(stands_out)
+        few = np.sum(seen[stands_out]) < SOME * np.sum(stands_out)
         if few and np.sum(of_law**2) > np.sum(recorded**2):
             found.add((effect.name, tuple(own)))
     return found & {problem.candidates[member].place for member in solution.members}
@@ -339,7 +339,7 @@ def _surely_beyond(
     )
     count = nuisance.index.size
     off, sure = fit.mean[:count], fit.deviation[:count]
-    return np.abs(off) - VALUES.sure * sure > REACH * nuisance.deviation
+    return np.abs(off) - REACH * sure > REACH * nuisance.deviation
 
 
 def linearisation_is_poor(problem: RegressionProblem, solution: Solution) -> bool:

@@ -126,7 +126,7 @@ class _Search:
         rows = problem.split.fitted
         linear = np.maximum(rmse(problem.left_without_sensors(solution.fitted), rows), TINY)
         own = rmse(simulated(problem, solution), rows)
-        if not (own > SOLVING.followed * linear).any():
+        if not (own > 2 * linear).any():
             return problem, solution
         fewer, search = self.without(problem, links)
         other = search.until_it_stays(fewer, solution)

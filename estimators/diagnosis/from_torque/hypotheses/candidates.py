@@ -23,8 +23,8 @@ from estimators.diagnosis.from_torque.hypotheses.responses import (
     responses,
     stacked,
 )
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION
+from estimators.diagnosis.settings import MATTERS, TINY
+from estimators.diagnosis.settings.fitting import CANDIDATES, REVISION, RIPPLE
 from estimators.regression.evidence import Prior
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
@@ -108,8 +108,8 @@ def candidates_of(
         if (hypothesis.effect, hypothesis.joints) not in revised
         and not (hypothesis.effect == TorqueGain.name and hypothesis.joints[0] in untold)
     ]
-    for start in range(0, len(competing), CANDIDATES.together):
-        some = competing[start : start + CANDIDATES.together]
+    for start in range(0, len(competing), RIPPLE.block):
+        some = competing[start : start + RIPPLE.block]
         parts = iter(responses([term for item in some for term in item.terms], observed))
         for hypothesis in some:
             own = [next(parts) for _ in hypothesis.terms]
@@ -162,8 +162,8 @@ def _rarity(candidate: Candidate, bare: Sequence[int], usual: set[str]) -> float
         usual: Effects that most joints are stated to have.
     """
     if candidate.effect in BASE and candidate.joints[0] in bare:
-        return CANDIDATES.certain
-    return CANDIDATES.deviating if candidate.effect in usual else candidate.prior_penalty
+        return 0.0
+    return CANDIDATES.missing / 2 if candidate.effect in usual else candidate.prior_penalty
 
 
 def _usual(simulation: Simulation) -> set[str]:
@@ -171,7 +171,7 @@ def _usual(simulation: Simulation) -> set[str]:
     stated: dict[str, set[int]] = {}
     for effect in simulation.effects:
         stated.setdefault(effect.name, set()).update(effect.joints)
-    most = CANDIDATES.usual * simulation.model.n
+    most = 0.5 * simulation.model.n
     return {name for name, joints in stated.items() if len(joints) > most}
 
 
@@ -200,7 +200,7 @@ def _entered(
     if hypothesis.is_list:
         # a place that the motion hardly passed has little torque, which is no reason for its value
         # to be anything
-        least = CANDIDATES.seldom * strength.max()
+        least = MATTERS * strength.max()
         strength = np.where(strength > TINY, np.maximum(strength, least), strength)
     deviation = np.where(strength > TINY, 1.0 / strength, 0.0)
     return Candidate(
@@ -261,14 +261,14 @@ def _revised(
     """Return an effect of the simulation with c parameters free, which act as `parts` say."""
     joints, values = stacked(parts, columns.rows)
     relative = np.sqrt(np.mean(values**2, axis=1)) / level[list(joints), None]
-    deviation = np.maximum(CANDIDATES.wrong, 1.0 / np.maximum(relative.max(axis=0), TINY))
+    deviation = np.maximum(1.0, 1.0 / np.maximum(relative.max(axis=0), TINY))
     return Candidate(
         effect.name,
         tuple(joint - 1 for joint in effect.joints),
         "wrong_parameter",
         Prior.free(columns.add(joints, values), deviation),
         enter,
-        prior_penalty=CANDIDATES.deviating,
+        prior_penalty=CANDIDATES.missing / 2,
     )
 
 
@@ -304,7 +304,7 @@ def _payload_prior(model: RobotModel) -> FloatArray:
     bodies = [model.inertials[name] for name in model.link_names]
     farthest = float(np.linalg.norm(bodies[-1].com))  # all that a single joint has of length
     mass = CANDIDATES.payload * sum(body.mass for body in bodies)
-    around = CANDIDATES.payload_lever * (model.length + farthest)
+    around = CANDIDATES.payload * (model.length + farthest)
     lever = max(around, 2.0 * farthest, REVISION.least_lever)
     return np.repeat([mass, mass * lever, mass * lever**2], (1, 3, 6))
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from estimators.diagnosis.from_torque.hypotheses.responses import Response, difference
-from estimators.diagnosis.settings.fitting import NEWTON, REVISION
+from estimators.diagnosis.settings import FINE, LITTLE
+from estimators.diagnosis.settings.fitting import REVISION
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.errors import ConfigError
 from limo_driver.physics.catalogue import every_effect, known_as
@@ -139,8 +140,7 @@ def derivative(observed: Observations, effect: Effect, name: str) -> Response:
     value = getattr(effect, name)
     known = next(item for item in effect.parameters() if item.name == name)
     ahead, behind = (
-        float(np.clip(value + sign * REVISION.step * value, known.lower, known.upper))
-        for sign in (1, -1)
+        float(np.clip(value + sign * LITTLE * value, known.lower, known.upper)) for sign in (1, -1)
     )
     joints, values = difference(
         effect.with_value(name, ahead), effect.with_value(name, behind), observed
@@ -297,9 +297,7 @@ def sides(effect: Effect, entry: Entry) -> tuple[Effect, Effect, float]:
     Where a step is no longer physically consistent, the effect itself stands for it.
     """
     ends, reached = [effect, effect], [entry.value, entry.value]
-    for side, step in enumerate(
-        (NEWTON.derivative * entry.deviation, -NEWTON.derivative * entry.deviation)
-    ):
+    for side, step in enumerate((FINE * entry.deviation, -FINE * entry.deviation)):
         try:
             ends[side] = moved(effect, [entry], [step])
         except ConfigError:

@@ -13,7 +13,13 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
-from estimators.diagnosis.settings import DEPENDENT, TINY
+from estimators.diagnosis.settings import (
+    DEPENDENT,
+    FEW,
+    LITTLE,
+    SOME,
+    TINY,
+)
 from estimators.diagnosis.settings.fitting import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.filters.differentiation import ORDER
@@ -56,7 +62,7 @@ def ripples(
         lines = _lines(_Angle.of(observed, residual, joint), RIPPLE.lines - len(before), observed.n)
         lines = tuple(N for N in lines if not any(_is_same(N, other) for other in before))
         some = [(*before, *lines[: k + 1]) for k in range(len(lines))]
-        slow = _slow_line(_Angle.of(observed, residual, joint, RIPPLE.flat))
+        slow = _slow_line(_Angle.of(observed, residual, joint, 2))
         if slow and not any(_is_same(slow, N) for N in (*before, *lines)):
             some += [(slow, *more) for more in ((), *some)]
         found += [TorqueRipple.of_lines(joint + 1, cycles) for cycles in some]
@@ -86,7 +92,7 @@ def with_fewer_lines(hypothesis: Hypothesis, observed: Observations) -> Iterator
 
 
 def _is_same(line: float, other: float) -> bool:
-    return abs(line / other - 1.0) < RIPPLE.same
+    return abs(line / other - 1.0) < LITTLE
 
 
 @dataclass(frozen=True)
@@ -154,7 +160,7 @@ class _Angle:
         """Return what the filter leaves of a line at each row, (R,)."""
         ratio = self.speed * (cycles / (2 * np.pi * self.bandwidth))
         gain = 1.0 / (1.0 + (ratio * ratio) ** ORDER)
-        gain[gain < RIPPLE.passed] = 0.0
+        gain[gain < SOME] = 0.0
         return gain
 
     def power(self, first: float, step: float, count: int) -> Spectrum:
@@ -167,10 +173,10 @@ class _Angle:
             step,
             count,
             self.bandwidth,
-            RIPPLE.passed,
+            SOME,
             RIPPLE.block,
         )
-        enough = rows > RIPPLE.least_share * self.position.size
+        enough = rows > SOME * self.position.size
         amount = np.where(enough, cosine**2 + sine**2, 0.0)
         cycles = first + step * np.arange(count, dtype=np.float64)
         return Spectrum(cycles, amount, np.maximum(noise, TINY**2))
@@ -292,7 +298,7 @@ def _peaks(spectrum: Spectrum, found: Sequence[float]) -> Iterator[float]:
     best = float(cycles[np.argmax(above)])
     yield best
     for line in found:
-        above[np.abs(cycles - line) < RIPPLE.apart * resolution] = 0.0
+        above[np.abs(cycles - line) < FEW * resolution] = 0.0
     for _ in range(RIPPLE.peaks - 1):
         above[np.abs(cycles - best) < resolution] = 0.0
         if not above.any():
@@ -307,7 +313,7 @@ def _together(angle: _Angle, lines: tuple[float, ...], step: float) -> tuple[flo
     Source: Li and Stoica, "Efficient mixed-spectrum estimation with applications to target feature
     extraction", IEEE Trans. Signal Processing 44(2), 1996 (RELAX).
     """
-    for _ in range(RIPPLE.sweeps if lines[1:] else 0):
+    for _ in range(FEW if lines[1:] else 0):
         before = lines
         for k, line in enumerate(lines):
             others = (*lines[:k], *lines[k + 1 :])
@@ -326,7 +332,8 @@ def _slow_line(angle: _Angle) -> float | None:
     if not 0 < angle.range <= angle.way:
         return None
     step = 2 * np.pi / angle.range / RIPPLE.oversampling
-    near = step * np.arange(*(RIPPLE.oversampling * np.array(RIPPLE.few_periods)))
+    few = RIPPLE.least_periods * np.array([0.5, 2.0])
+    near = step * np.arange(*(RIPPLE.oversampling * few))
     energy = [angle.left(float(cycles)) for cycles in near]
     line = _refined(angle, float(near[int(np.argmin(energy))]), step)
     return line if angle.left(line) < (1.0 - RIPPLE.least_part) * angle.energy else None

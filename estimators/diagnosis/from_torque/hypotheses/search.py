@@ -33,12 +33,14 @@ from estimators.diagnosis.from_torque.residuals.noise import (
     roughness,
 )
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings.fitting import BASE_FRICTION, SEARCH, SOLVING
+from estimators.diagnosis.settings import FEW
+from estimators.diagnosis.settings.fitting import SEARCH, SOLVING
 from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import best_first, first_best, is_more, ranked
 from estimators.regression.evidence import Evidence, Posterior, Prior, Priors
 from limo_driver.physics import CoulombFriction, ViscousFriction
 from limo_driver.physics.catalogue import known_as
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -49,9 +51,8 @@ if TYPE_CHECKING:
     from limo_driver.physics import Simulation
     from limo_driver.types import FloatArray
 
-SIGN_WIDTHS = tuple(  # [rad/s]
-    np.geomspace(BASE_FRICTION.narrowest, BASE_FRICTION.widest, BASE_FRICTION.widths).tolist()
-)
+# [rad/s], of friction that a bare description lacks: wider is viscous friction by another name
+SIGN_WIDTHS = tuple((SIGN_WIDTH * 2.0 ** np.arange(-FEW, FEW)).tolist())
 
 
 @dataclass(frozen=True)

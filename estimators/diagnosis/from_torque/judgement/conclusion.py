@@ -27,10 +27,10 @@ from estimators.diagnosis.from_torque.residuals.plausibility import doubts_on, n
 from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse, surely_positive
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import NEARLY_ALL, TINY
 from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
-from estimators.diagnosis.settings.judgement import HOLDING, OBSERVABLE
+from estimators.diagnosis.settings.judgement import OBSERVABLE
 from estimators.diagnosis.verdict import (
     TORQUE,
     UNKNOWN,
@@ -371,7 +371,7 @@ def _as_stated(problem: RegressionProblem, solution: Solution) -> tuple[str, ...
     prior, fitted = problem.nuisance.prior, solution.fitted
     known = fitted.deviation[: prior.index.size]
     at_limit = ~np.isnan(solution.search.evidence.at_limit(fitted))
-    open_ = (known > HOLDING.open * prior.deviation) & (prior.deviation > 0) & ~at_limit
+    open_ = (known > NEARLY_ALL * prior.deviation) & (prior.deviation > 0) & ~at_limit
     return tuple(
         item.name
         for item, unseen in zip(problem.nuisance.parameters, open_.tolist(), strict=True)

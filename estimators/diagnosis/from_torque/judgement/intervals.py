@@ -23,9 +23,8 @@ from estimators.diagnosis.from_torque.judgement.conclusion import above_floor
 from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
-from estimators.diagnosis.settings import Z95
+from estimators.diagnosis.settings import MATTERS, Z95
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
@@ -252,7 +251,7 @@ class ValueComparison:
         some = acts & (self.above | doubtless) & rows.any(axis=0)
         part = np.divide(lost, reducible, out=np.zeros_like(lost), where=some & (reducible > 0))
         joint = int(np.argmax(part))
-        if part[joint] < VALUES.share:
+        if part[joint] < MATTERS:
             return max(float(part[joint]), 0.0), False
         own = [joint]
         sure = surely_less(

@@ -26,6 +26,7 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import LINK_INERTIA, is_of_bodies
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
+from estimators.diagnosis.settings import FINE, MOST, Z95
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, SEARCH
 from estimators.diagnosis.settings.judgement import JUDGEMENT
 from estimators.diagnosis.settings.residuals import ROWS
@@ -77,7 +78,7 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
         observed: Recordings and simulation.
         left: Residual of the improved simulation, (K, n) [N m].
     """
-    moving = observed.faster(ROWS.creep)  # a simulation gets slower friction wrong, unknown or not
+    moving = observed.faster(2 * ROWS.rest)  # slower friction comes out wrong, unknown or not
     attempts = Attempts()
     series = attempts.at("search for what is unknown", lambda: _series(observed, left), 0.0 * left)
     whole, floor = rmse(left, moving), rmse(left - series, moving)
@@ -85,7 +86,7 @@ def remaining_residual(observed: Observations, left: FloatArray) -> RemainingRes
     floor = np.where(moves, floor, rough)  # of a still joint nothing is known
     ratio = floor / rough
     usual = float(np.median(ratio[moves])) if moves.any() else 1.0
-    smooth = (ratio > JUDGEMENT.smoother * usual) & (ratio > JUDGEMENT.smooth)
+    smooth = ratio > np.maximum(JUDGEMENT.smoother * usual, JUDGEMENT.smooth)
     floor = np.where(smooth, usual * rough, floor)
     beyond = np.sqrt(np.maximum(whole**2 - floor**2, 0.0))
     return RemainingResidual(
@@ -188,8 +189,8 @@ def abstained(
     removed = contribution_of_all(problem, solution)
     explained = removed / np.maximum(removed + remaining.predictable**2, TINY**2)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
-    small = remaining.predictable < JUDGEMENT.small * remaining.floor
-    least = np.where(small, JUDGEMENT.most, JUDGEMENT.dominant)
+    small = remaining.predictable < remaining.floor
+    least = np.where(small, MOST, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
     plain = to_identify(problem, solution)
     usual = ordinary(problem, solution, solution.members)
@@ -236,7 +237,7 @@ def _is_part_of_more(
     What acts on several, as a wrong body does, looks like a slight effect of its own at one more.
     """
     others = {*unknown} - {*problem.candidates[member].joints}
-    return len(others) > 1 and material(problem, solution, member) < JUDGEMENT.small
+    return len(others) > 1 and material(problem, solution, member) < 1.0
 
 
 def acts_most(
@@ -338,7 +339,7 @@ def trusted_gains(
 
 
 def _moved(shift: Shift) -> str:
-    limit = " (its limit)" if abs(shift.sigmas) > REACH - JUDGEMENT.at_limit else ""
+    limit = " (its limit)" if abs(shift.sigmas) > REACH - FINE else ""
     return f"{shift.name} by {shift.sigmas:+.1f} standard deviations{limit}"
 
 
@@ -351,11 +352,9 @@ def remarks(
     recordings: int = 1,
 ) -> Iterator[str]:
     """Yield notes on the fit, one sentence each."""
-    sensed = [
-        shift
-        for shift in shifts
-        if " of sensor " in shift.name and abs(shift.sigmas) > JUDGEMENT.worth_a_word
-    ][:3]
+    sensed = [shift for shift in shifts if " of sensor " in shift.name and abs(shift.sigmas) > Z95][
+        :3
+    ]
     if sensed and not harmful:
         yield (
             f"The fit also moved what sensors may be off by: {'; '.join(map(_moved, sensed))}. "

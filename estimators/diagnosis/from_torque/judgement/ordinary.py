@@ -33,6 +33,7 @@ from estimators.diagnosis.from_torque.hypotheses.candidates import BASE, without
 from estimators.diagnosis.from_torque.hypotheses.responses import responses
 from estimators.diagnosis.from_torque.hypotheses.search import is_friction
 from estimators.diagnosis.held_out import rmse
+from estimators.diagnosis.settings import FAR, FEW
 from estimators.diagnosis.settings.judgement import JUDGEMENT, ORDINARY
 from estimators.diagnosis.settings.residuals import ROWS
 from estimators.regression.definite import first_best
@@ -64,7 +65,7 @@ def ordinary(
         and (is_friction(candidate.effect) or candidate.effect == Armature.name)
     }
     effects = [candidate.effect for candidate in of_drives.values()]
-    most = ORDINARY.part * max(len(bare), ORDINARY.siblings)
+    most = 0.5 * max(len(bare), FEW)
     usual = {*BASE, *(effect for effect in effects if effects.count(effect) > most)}
     far = beyond_siblings(problem, solution)
     return tuple(
@@ -179,7 +180,7 @@ def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int)
     effects = hypothesis.realise(coefficients(problem, solution, member))
     stops = [stop for e in effects if isinstance(e, PreslidingHysteresis) for stop in e.stops()]
     way = sum(height * width for height, width in stops)  # [N m rad]
-    least = ROWS.creep * SIGN_WIDTH / problem.observed.bandwidth  # [rad]
+    least = 2 * ROWS.rest * SIGN_WIDTH / problem.observed.bandwidth  # [rad]
     return way < least * sum(height for height, _ in stops)
 
 
@@ -203,7 +204,7 @@ def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int,
             and candidate.joints in bare
         }
         some = sorted(part for part in parts if part > 0)
-        if len(some) >= ORDINARY.compared and some[-1] > ORDINARY.times * some[-2]:
+        if len(some) >= ORDINARY.compared and some[-1] > FAR * some[-2]:
             found[parts[some[-1]]] = some[-1] / some[-2]
     return found
 

@@ -29,17 +29,18 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from estimators.diagnosis.from_torque.hypotheses.catalogue import found_in
-from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
 from estimators.diagnosis.from_torque.hypotheses.search import Search
+from estimators.diagnosis.from_torque.judgement.surrogate import stops
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal_equations
 from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import LITTLE, MATTERS, TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import BLACK_BOX, GUESSES, JUDGEMENT, QUESTIONS
+from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import BLACK_BOX
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
-from limo_driver.physics import GravityDirection, PreslidingHysteresis, TorqueGain
+from limo_driver.physics import GravityDirection, TorqueGain
 from limo_driver.physics.catalogue import every_effect
 from limo_driver.runtime.parameters import REAL
 
@@ -128,13 +129,13 @@ class _Questions:
         evidence = Evidence(self.products, self.nuisance)
         known = joined()
         gain, error = 0.0, self._error(known)
-        reducible = max(error - self.floor, QUESTIONS.least_reducible * self.floor, TINY)
+        reducible = max(error - self.floor, MATTERS * self.floor, TINY)
         tests: list[Test] = []
         for question, family in self.families:
             both = joined(known, family)
             more, less = evidence.gain(both), self._error(both)
             share = float(np.clip((error - less) / reducible, 0.0, 1.0))
-            yes = more - gain > QUESTIONS.least_evidence and share > QUESTIONS.least_share
+            yes = more - gain > CONTRIBUTION.tellable and share > LITTLE
             tests.append(Test(self.joint + 1, question, share, yes))
             if yes:
                 known, gain, error = both, more, less
@@ -173,10 +174,7 @@ def _sign(observed: Observations, j: int) -> FloatArray:
 
 
 def _memory(observed: Observations, j: int) -> FloatArray:
-    stops = [
-        PreslidingHysteresis.stop(j + 1, width) for width in np.geomspace(*QUESTIONS.distances)
-    ]
-    return np.stack([over_joint(stop, observed) for stop in stops], axis=1)
+    return np.stack(stops(observed, j), axis=1)
 
 
 def _rate(observed: Observations, j: int) -> FloatArray:
@@ -206,7 +204,7 @@ def _with_sign(hats: FloatArray, sign: FloatArray) -> FloatArray:
 
 
 def _hats(values: FloatArray) -> FloatArray:
-    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), QUESTIONS.hats)
+    knots = np.linspace(values.min(), max(values.max(), values.min() + 1e-6), BLACK_BOX.hats)
     return np.maximum(0.0, 1.0 - np.abs(values[:, None] - knots) / (knots[1] - knots[0]))
 
 
@@ -254,7 +252,7 @@ def _is_sure(item: Finding, given: Simulation, sized_by: tuple[str, ...]) -> boo
         return True
     # each element of a list may be nothing for the sake of its neighbours, but hardly all of them
     several = any(np.size(interval.value) > 1 for interval, _ in pairs)
-    return several and stated is None and item.signs.get("material", 0.0) >= JUDGEMENT.small
+    return several and stated is None and item.signs.get("material", 0.0) >= 1.0
 
 
 def _leaves_out(interval: Interval, was: Any) -> bool:  # noqa: ANN401  # of any parameter
@@ -282,7 +280,7 @@ def with_guesses(simulation: Simulation, recordings: Sequence[Recording]) -> Sim
     if "gain" not in known.assumed or not any(map(are_currents, recordings)):
         return simulation
     stated = known.stated if known.stated is not None else known.all_names - known.usual
-    return replace(simulation, tolerances=replace(known, gain=GUESSES.gain, stated=stated))
+    return replace(simulation, tolerances=replace(known, gain=MATTERS, stated=stated))
 
 
 def are_currents(recording: Recording) -> bool:
@@ -297,7 +295,7 @@ def are_currents(recording: Recording) -> bool:
     some = (square > 0.0) & (np.sum(tau**2, axis=0) > 0.0)
     constant = np.sum(i * tau, axis=0) / np.where(some, square, 1.0)
     off = np.sum((tau - constant * i) ** 2, axis=0) / np.maximum(np.sum(tau**2, axis=0), TINY**2)
-    return bool(some.any() and (off[some] < GUESSES.constant**2).all())
+    return bool(some.any() and (off[some] < LITTLE**2).all())
 
 
 def guessed_notes(judged: JudgedSet, given: Simulation) -> Iterator[str]:
@@ -338,11 +336,9 @@ def _guesses(known: Tolerances) -> Iterator[_Guess]:
     for name in ("inertia", "friction"):
         width = getattr(known, name)
         if name in known.assumed and width:
-            yield from (
-                _Guess(name, times, times * width) for times in (1 / GUESSES.times, GUESSES.times)
-            )
+            yield from (_Guess(name, times, times * width) for times in (0.5, 2.0))
     if "gain" in known.assumed and not known.gain:
-        yield _Guess("gain", 1.0, GUESSES.gain)
+        yield _Guess("gain", 1.0, MATTERS)
 
 
 def _sought(problem: RegressionProblem, solution: Solution, guess: _Guess) -> set[_Place]:

@@ -21,7 +21,6 @@ from estimators.diagnosis.from_torque.hypotheses.responses import difference
 from estimators.diagnosis.from_torque.judgement.intervals import ValueComparison
 from estimators.diagnosis.settings import Z95
 from estimators.diagnosis.settings.fitting import TOLERATED
-from estimators.diagnosis.settings.judgement import VALUES
 from estimators.diagnosis.verdict import LINK_INERTIA, StatedValue, is_felt_by_all
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
@@ -111,10 +110,10 @@ class _Values(ValueComparison):
         stated, value = (float(getattr(one, known.name)) for one in (effect, fitted))
         spread, sharp = self._spread(fitted, known), known.smooths
         off, wrong = abs(value - stated), self._is_wrong(effect) and not sharp
-        doubtless = spread is not None and not sharp and off > VALUES.doubtless * spread
+        doubtless = spread is not None and not sharp and off > 2 * REACH * spread
         share, sure = self.taken(change, np.abs(change).max(axis=0) > 0.0, doubtless=doubtless)
         own = TOLERATED.width if sharp else self.stated.tolerances.friction
-        reported = wrong or (sure and spread is not None and off > VALUES.sure * spread)
+        reported = wrong or (sure and spread is not None and off > REACH * spread)
         unit = unit_of(known.unit, [self.stated.model.sliding[j - 1] for j in effect.joints])
         found = self._value(known.name, effect.name, effect.joints, unit, stated, value, share)
         return replace(
@@ -186,7 +185,7 @@ class _Values(ValueComparison):
             )
             k = at.get(f"gain of torque {effect.joint}")
             spread, off = None if k is None else float(self.deviation[k]), abs(gain - 1.0)
-            reported = sure and spread is not None and off > VALUES.sure * spread
+            reported = sure and spread is not None and off > REACH * spread
             found = self._value("gain", effect.name, effect.joints, "1", 1.0, gain, share)
             yield (
                 replace(
@@ -218,7 +217,7 @@ class _Values(ValueComparison):
             body = self.stated.model.inertials[name]
             value = improved.model.inertials[name].mass
             reach = Z95 * float(self.deviation[at[f"mass of {name}"]]) * body.mass
-            if abs(value - body.mass) <= VALUES.sure / Z95 * reach:
+            if abs(value - body.mass) <= REACH / Z95 * reach:
                 continue
             before = replace(proof, inertials={**proof.inertials, name: body})
             change = self._of_bodies(proof) - self._of_bodies(before)

@@ -15,8 +15,8 @@ import numpy as np
 from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
 from estimators.diagnosis.held_out import block_of
 from estimators.diagnosis.quantities import rounded
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.judgement import BLACK_BOX, REGION
+from estimators.diagnosis.settings import FEW, MOST, NEARLY_ALL, SOME, TINY
+from estimators.diagnosis.settings.judgement import BLACK_BOX, PUSHES
 from estimators.diagnosis.settings.residuals import HELD_OUT
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
@@ -79,9 +79,8 @@ def _features(observed: Observations, j: int) -> FloatArray:
     sign = np.tanh(v / BLACK_BOX.speeds[0])
     own = [np.tanh(v / speed) for speed in np.geomspace(*BLACK_BOX.speeds)]
     own += [v, v * np.abs(v), motion.acceleration[:, j], np.ones_like(v), _rested(observed, j)]
-    stops = [PreslidingHysteresis.stop(j + 1, width) for width in np.geomspace(*BLACK_BOX.widths)]
-    own += [over_joint(stop, observed) for stop in stops]
-    waves = [f(k * q) for k in range(1, BLACK_BOX.waves + 1) for f in (np.sin, np.cos)]
+    own += stops(observed, j)
+    waves = [f(k * q) for k in range(1, FEW + 1) for f in (np.sin, np.cos)]
     own += waves + [sign * wave for wave in waves]
     own += [sign * np.abs(load[:, k]) for k in range(observed.n)]
     own += [load[:, k] for k in range(observed.n)]
@@ -96,6 +95,12 @@ def _features(observed: Observations, j: int) -> FloatArray:
     return np.concatenate([filtered, hats, slow_sign * hats], axis=1)
 
 
+def stops(observed: Observations, j: int) -> list[FloatArray]:
+    """Return friction of a joint (0-based) that builds up over the ways that its rows show."""
+    widths = np.geomspace(*BLACK_BOX.widths)
+    return [over_joint(PreslidingHysteresis.stop(j + 1, width), observed) for width in widths]
+
+
 def _rested(observed: Observations, j: int) -> FloatArray:
     """Return the friction of stiction: the sign of motion, decaying since the joint last rested."""
     result = np.zeros(len(observed.motion))
@@ -105,7 +110,7 @@ def _rested(observed: Observations, j: int) -> FloatArray:
         last = np.where(still, np.arange(v.size), -1)
         last = np.maximum.accumulate(last)
         since = np.where(last >= 0, time - time[np.maximum(last, 0)], np.inf)
-        result[rows] = np.sign(v) * np.exp(-since / BLACK_BOX.fades)
+        result[rows] = np.sign(v) * np.exp(-since / PUSHES.spread)
     return result
 
 
@@ -163,7 +168,7 @@ def _side(names: tuple[str, str], unit: str, values: FloatArray, energy: FloatAr
     total = np.cumsum(energy[order])
     half = float(values[order][min(np.searchsorted(total, 0.5 * total[-1]), len(order) - 1)])
     usual = float(np.median(values))
-    if usual <= 0 or 1 / REGION.wide < half / usual < REGION.wide:
+    if usual <= 0 or abs(np.log2(half / usual)) < 1:
         return []
     name, side = (names[0], "below") if half < usual else (names[1], "above")
     return [f"{name} (half of it {side} {rounded(half, 2)} {unit})"]
@@ -173,7 +178,7 @@ def _range(position: FloatArray, energy: FloatArray, unit: str) -> list[str]:
     """Say which narrow range of positions (R,), in this unit, has half the energy, if one does."""
     order = np.argsort(position, kind="stable")
     first, last = _narrowest(energy[order], 0.5)
-    if (last - first) > REGION.part * len(order):
+    if (last - first) > SOME * len(order):
         return []
     low, high = position[order][[first, last - 1]]
     return [f"near one position (half of it between {low:.3f} and {high:.3f} {unit})"]
@@ -191,14 +196,14 @@ def _stretches(
     found: list[tuple[int, tuple[float, float]]] = []
     used = 0
     for recording in np.argsort(-held, kind="stable"):
-        if sum(held[k - 1] for k, _ in found) >= REGION.all:
+        if sum(held[k - 1] for k, _ in found) >= NEARLY_ALL:
             break
         own = np.flatnonzero(of == recording)
-        first, last = _narrowest(energy[own], REGION.most)
+        first, last = _narrowest(energy[own], MOST)
         used += last - first
         time = observed.slow.time[rows[own[[first, last - 1]]]]
         found.append((int(recording) + 1, (float(time[0]), float(time[1]))))
-    if used > REGION.brief * len(rows):
+    if used > SOME * len(rows):
         return (), ()
     return tuple(k for k, _ in sorted(found)), tuple(time for _, time in sorted(found))
 

@@ -17,7 +17,7 @@ from estimators.diagnosis.from_torque.judgement.judgement import worse_at
 from estimators.diagnosis.from_torque.judgement.writing import mean_left, without
 from estimators.diagnosis.headline import LINK_INERTIA
 from estimators.diagnosis.held_out import blocks, rmse, rmse_change
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.diagnosis.settings import MATTERS
 from limo_driver.physics import TorqueGain, TorqueOffset
 
 if TYPE_CHECKING:
@@ -105,11 +105,11 @@ def _together(
         return []
     judged, given = found.judged, np.maximum(elsewhere.as_given, TINY)
     lost, surely, _ = elsewhere.change([*known, *names], known)
-    much = (surely > 0) | (1.0 - (1.0 - lost / given) ** 2 >= VALUES.share)
+    much = (surely > 0) | (1.0 - (1.0 - lost / given) ** 2 >= MATTERS)
     proven, rows = judged.beside, judged.problem.split.held_out
     less = proven.under(without(proven.simulation, elsewhere.given, names)).residual
     there = rmse_change(proven.residual, less, blocks(proven), rows)[0] > 0
-    there &= rmse(proven.residual, rows) ** 2 <= (1.0 - VALUES.share) * rmse(less, rows) ** 2
+    there &= rmse(proven.residual, rows) ** 2 <= (1.0 - MATTERS) * rmse(less, rows) ** 2
     writes = much | (there & (lost > 0))
     return [part.name for part in parts if not writes[part.joints[0] - 1]]
 
@@ -134,7 +134,7 @@ def with_offsets(found: Written, verdict: Verdict) -> Written:
     left = elsewhere.as_given + elsewhere.change(parts)[0]
     less = elsewhere.offset(parts)
     share = 1.0 - (1.0 + less[0] / np.maximum(left, TINY)) ** 2
-    helps = (less[2] < 0) & (share >= VALUES.share)
+    helps = (less[2] < 0) & (share >= MATTERS)
     joints = [j for j in np.flatnonzero(helps).tolist() if (j + 1,) not in has_one]
     if not joints:
         return found

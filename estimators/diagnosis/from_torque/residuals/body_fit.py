@@ -23,7 +23,16 @@ from estimators.diagnosis.from_torque.residuals.mistakes import (
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import without_effort
 from estimators.diagnosis.held_out import Split, rmse
-from estimators.diagnosis.settings import DEPENDENT, ROUNDING, TINY
+from estimators.diagnosis.settings import (
+    CLEARLY,
+    DEPENDENT,
+    HALF,
+    MATTERS,
+    MOST,
+    ROUNDING,
+    SOME,
+    TINY,
+)
 from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.residuals import MISTAKES, MOUNTING, PLAUSIBILITY
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Verdict, Where
@@ -97,8 +106,8 @@ def by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
     Joints whose load is small beside their torque are neither.
     """
-    expected = np.std(sample.load, axis=0) > PLAUSIBILITY.expected * np.std(sample.torque, axis=0)
-    foreign = usual_misfit(BodyFit.of(sample)) > PLAUSIBILITY.foreign
+    expected = np.std(sample.load, axis=0) > SOME * np.std(sample.torque, axis=0)
+    foreign = usual_misfit(BodyFit.of(sample)) > HALF
     return np.flatnonzero(foreign & expected), np.flatnonzero(~foreign & expected)
 
 
@@ -112,7 +121,7 @@ def strange_load(observed: Observations, sample: RowSample) -> str:
     foreign = np.setdiff1d(foreign, without_effort(observed))  # left out by name
     if foreign.size < 2 or following.size > 1:  # noqa: PLR2004  # one of each may be by chance
         return ""
-    if (BodyFit.of(sample).misfit(slice(None))[foreign] < PLAUSIBILITY.fits).all():
+    if (BodyFit.of(sample).misfit(slice(None))[foreign] < HALF).all():
         return ""
     return f"{not_the_load(observed, foreign)}, or torque of another motion?"
 
@@ -138,7 +147,7 @@ def parts_of_load(sample: RowSample, joints: NDArray[np.int64]) -> str:
         columns = np.column_stack([sample.load[use, joint], friction, np.ones(torque.size)])
         found = np.linalg.lstsq(columns, torque, rcond=None)[0]
         left = float(np.std(torque - columns @ found)) / max(float(np.std(torque)), TINY)
-        if left < PLAUSIBILITY.fits:
+        if left < HALF:
             parts.append(f"{found[0]:.2f} of it at joint {joint + 1}")
     if not parts:
         return ""
@@ -235,7 +244,7 @@ def _scales(observed: Observations) -> Iterator[tuple[int, float]]:
 
 def _alike(y: FloatArray, s: FloatArray) -> bool:
     """Say whether a torque (K,) follows another in all but its scale."""
-    return abs(float(y @ s)) > PLAUSIBILITY.alike * float(np.linalg.norm(y) * np.linalg.norm(s)) > 0
+    return abs(float(y @ s)) > MOST * float(np.linalg.norm(y) * np.linalg.norm(s)) > 0
 
 
 def as_mounted(observed: Observations) -> Observations:
@@ -251,11 +260,11 @@ def as_mounted(observed: Observations) -> Observations:
         return observed
     share = float(np.linalg.norm(found)) / size
     angle = float(np.degrees(np.arccos(np.clip(found @ stated / (share * size**2), -1.0, 1.0))))
-    if angle < MOUNTING.least or not 1 / MOUNTING.size < share < MOUNTING.size:
+    if angle < MOUNTING.least or not 1 / CLEARLY < share < CLEARLY:
         return observed
     turned = observed.under(_under(simulation, _nearest(found / share)))
     before, after = (_misfit(item) for item in (observed, turned))
-    return turned if after < MOUNTING.better * before else observed
+    return turned if after < HALF * before else observed
 
 
 def with_mounting(verdict: Verdict, given: Observations, mounted: Observations) -> Verdict:
@@ -352,7 +361,7 @@ def _gravity_of(observed: Observations) -> FloatArray | None:
     change = np.linalg.solve(gram, right)
     left = max(energy - float(change @ right), 0.0)
     spread = np.sqrt(left * MOUNTING.alike / (used * turns[0]))
-    if spread > MOUNTING.sure * size:
+    if spread > MATTERS * size:
         return None
     return (np.array(body.gravity) + change).astype(np.float64)
 

@@ -44,9 +44,9 @@ from estimators.diagnosis.from_torque.residuals.noise import usual_error, usual_
 from estimators.diagnosis.from_torque.residuals.pushes import Push, TimeSpan, covered, overlap
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.quantities import listed, rounded
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import FEW, LEVEL, MOST, NEARLY_ALL, OUTLYING, TINY
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import IMPACTS, JOLTS, PUSHES
+from estimators.diagnosis.settings.judgement import JOLTS, PUSHES
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def holds(observed: Observations) -> tuple[Push, ...]:
 def _friction(bare: Observations, joint: int) -> float:
     """Return what a joint (0-based) takes in motion on top of its bodies, at most [N m]."""
     beyond = np.abs(bare.residual[bare.moving[:, joint], joint])
-    return float(np.quantile(beyond, PUSHES.friction)) if beyond.size else np.inf
+    return float(np.quantile(beyond, LEVEL)) if beyond.size else np.inf
 
 
 def _pressed(
@@ -109,9 +109,9 @@ def _pressed(
     for rows in rests:
         beyond = abs(float(np.median(residual[rows])))
         load, borne = (np.median(np.abs(x[rows])) for x in (simulated, bare.measured[:, joint]))
-        if load < borne and beyond > PUSHES.breakaway * friction[joint] and _is_passed(bare, rows):
+        if load < borne and beyond > 2 * friction[joint] and _is_passed(bare, rows):
             sure = 0.5 * ((beyond - friction[joint]) / scatter) ** 2
-            start, end = time[rows][0] - ROWS.near_rest / bare.bandwidth, time[rows][-1]
+            start, end = time[rows][0] - 1 / bare.bandwidth, time[rows][-1]
             span = int(bare.recording[rows.start]), float(start), float(end)
             found.append(Push(*span, sure, (joint,), sure, held=True, friction=friction))
     return found if 2 * len(found) <= max(len(rests), 2) else []
@@ -139,7 +139,7 @@ def _rests(bare: Observations, joint: int) -> Iterator[slice]:
     edges = np.flatnonzero(np.diff(label, prepend=0, append=0))
     time = bare.slow.time
     for first, last in pairwise(edges):
-        if label[first] and time[last - 1] - time[first] >= PUSHES.rests:
+        if label[first] and time[last - 1] - time[first] >= PUSHES.apart:
             yield slice(int(first), int(last))
 
 
@@ -168,12 +168,12 @@ def jolts(
     errors = np.where(
         steady & known, np.abs(residual) / np.maximum(usual, observed.least_noise), 0.0
     )
-    large = errors > JOLTS.outstanding
-    rows = np.flatnonzero(large.sum(axis=1) >= JOLTS.joints)
+    large = errors > OUTLYING
+    rows = np.flatnonzero(large.sum(axis=1) > 1)
     if not rows.size or rows.size > JOLTS.most * np.count_nonzero(steady.any(axis=1)):
         return ()
     time, recording = observed.slow.time[rows], observed.recording[rows]
-    apart = (np.diff(time) > JOLTS.apart) | (np.diff(recording) != 0)
+    apart = (np.diff(time) > PUSHES.ends) | (np.diff(recording) != 0)
     found = [
         Jolt(
             int(observed.recording[own[0]]),
@@ -236,18 +236,18 @@ def impacts(
         residual: What a fit leaves, (K, n) [N m].
         events: Stretches in which errors are far larger than usual.
     """
-    if len(events) < IMPACTS.fewest or observed.n < IMPACTS.joints:
+    if len(events) <= 1 or observed.n < FEW:
         return ()
     observed = observed.undisturbed(None)
     usual = np.maximum(usual_errors(residual, observed.moving), observed.least_noise)
     usual[~observed.moving.any(axis=0)] = np.inf
     errors = residual / usual
     explained = np.array([_explained(observed, errors, usual, event) for event in events])
-    explained[explained < IMPACTS.alike] = 0.0
+    explained[explained < MOST] = 0.0
     explained *= np.array([_load_changes(observed, event) for event in events])
     joints = np.full(len(events), -1)
     while True:  # one joint after the other, first the one that explains most
-        explained *= np.sum(explained > IMPACTS.explained, axis=0) >= IMPACTS.fewest
+        explained *= np.sum(explained > NEARLY_ALL, axis=0) > 1
         joint = int(np.argmax(explained.sum(axis=0)))
         own = explained[:, joint] > 0.0
         if not own.any():
@@ -305,7 +305,7 @@ def _explained(
 def _load_changes(observed: Observations, event: TimeSpan) -> NDArray[np.bool_]:
     """Mark the joints (n,) whose load changes sign in an event, or the fall before it."""
     time = observed.slow.time
-    near = (observed.recording == event.recording) & (time > event.start - IMPACTS.fall)
+    near = (observed.recording == event.recording) & (time > event.start - PUSHES.longest / 2)
     near &= time < event.end + observed.row_period
     load = observed.load[observed.kept][near]
     return np.asarray((load > 0).any(axis=0) & (load < 0).any(axis=0))

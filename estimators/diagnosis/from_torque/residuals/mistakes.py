@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from scipy.optimize import nnls
 
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import FEW, MOST, TINY
 from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.model.units import unit_of
 from limo_driver.types import Motion
@@ -271,7 +271,7 @@ def _turning(j: int, sample: RowSample) -> RowSample:
     )
     load = sample.body.inverse_dynamics(*(x.reshape(-1, n) for x in motion)).reshape(position.shape)
     weight = (np.arange(n) != j) / np.maximum(sample.torque.std(axis=0), TINY)
-    for _ in range(MISTAKES.turns):  # of friction and angles
+    for _ in range(FEW):  # of friction and angles
         error = weight * (load - (sample.torque - sample.friction))
         best = np.argmin(np.sum(error**2, axis=2), axis=0)
         sample = sample.at(position[best, np.arange(best.size)])
@@ -292,7 +292,7 @@ def _weighed(sample: RowSample) -> RowSample:
     gravity = sample.body.inverse_dynamics(sample.motion.position, still, still)
     weighed = replace(sample, torque=sample.torque + gravity)
     left, recorded = weighed.misfit * weighed.torque.std(axis=0), sample.torque.std(axis=0)
-    return weighed if np.linalg.norm(left) < MISTAKES.left * np.linalg.norm(recorded) else sample
+    return weighed if np.linalg.norm(left) < MOST * np.linalg.norm(recorded) else sample
 
 
 def mounted_otherwise(gravity: FloatArray) -> str:

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.signal import welch
 
-from estimators.diagnosis.settings import MAD, TINY
+from estimators.diagnosis.settings import FINE, MAD, TINY
 from estimators.diagnosis.settings.residuals import ABOVE, NOISE
 from estimators.regression.evidence import NormalEquations
 from limo_driver.recordings.bandwidth import bandwidth_at
@@ -162,7 +162,7 @@ def _covariance(
         rows = np.flatnonzero(use & (known >= lag))
         if rows.size:
             result[lag] = float(np.mean(residual[rows] * residual[rows - lag]))
-    result[0] = result[0] * (1.0 + NOISE.ridge) + least**2
+    result[0] = result[0] * (1.0 + FINE) + least**2
     return result
 
 

@@ -416,7 +416,7 @@ class Observations:
             slow = speed[rows] < widths * self.sign_width
             dwells = np.asarray(binary_opening(slow, np.ones((long, 1))), dtype=bool)
             still = dwells | (speed[rows] < widths * SIGN_WIDTH)
-            reach = max(1, round(ROWS.near_rest / self.bandwidth / period))
+            reach = max(1, round(1.0 / self.bandwidth / period))
             near[rows] = maximum_filter1d(still, 2 * reach + 1, axis=0)
         moving = ~near[self.kept]
         if self.unmeasured is not None:

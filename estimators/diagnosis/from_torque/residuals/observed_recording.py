@@ -93,7 +93,7 @@ def _unmeasured(recording: Recording, bandwidth: float) -> NDArray[np.bool_]:
     result = np.broadcast_to(~recording.measured_joints, recording.torque.shape)
     if recording.unmeasured is None:
         return result
-    reach = max(1, round(ROWS.near_rest / bandwidth * recording.rate))
+    reach = max(1, round(1.0 / bandwidth * recording.rate))
     spread = maximum_filter1d(recording.unmeasured, 2 * reach + 1, axis=0)
     return np.logical_or(result, spread)
 

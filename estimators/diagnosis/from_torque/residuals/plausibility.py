@@ -40,8 +40,10 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
     without_torque,
 )
 from estimators.diagnosis.quantities import listed, of_joints
+from estimators.diagnosis.settings import CLEARLY, FAR, FEW, HALF, LITTLE, MATTERS, SOME
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, ROWS
+from estimators.diagnosis.settings.residuals import MISTAKES, ROWS
+from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
@@ -276,7 +278,7 @@ def _weightless_in(observed: Observations) -> list[str]:
     load, torque = sizes(observed)
     without = left_out(observed)
     asked: list[str] = []
-    for j in without_load(observed, PLAUSIBILITY.light):
+    for j in without_load(observed, SOME):
         question = (
             f"its torque is {torque[j]:.3g} {observed.unit('N m', j)} where its load asks for "
             f"{load[j]:.3g} (root mean squares). Is it in another unit, does something balance the "
@@ -306,13 +308,13 @@ def found_in(sample: RowSample) -> list[Mistake]:
     """
     known = [*mistakes(sample.body.sliding), *stuck(sample)]
     found: list[Mistake] = []
-    while len(found) < PLAUSIBILITY.most and sample.misfit.max() > PLAUSIBILITY.strange:
+    while sample.misfit.max() > MATTERS:
         undone = [(mistake, mistake.undo(sample)) for mistake in known]
         mistake, best = min(
             (pair for pair in undone if not _spoils(pair[0], sample, pair[1])),
-            key=lambda pair: round(_change(sample, pair[1]), PLAUSIBILITY.digits),
+            key=lambda pair: round(_change(sample, pair[1]), 2),
         )
-        better = _change(sample, best) < -np.log(PLAUSIBILITY.better)
+        better = _change(sample, best) < -np.log(FAR)
         if not (better and _mended(sample, best).any()):
             break
         loaded = without_payload(sample)  # a load that nobody stated may explain more, if it does
@@ -328,8 +330,8 @@ def _spoils(mistake: Mistake, before: RowSample, after: RowSample) -> bool:
 
     Of a gear that holds its load by friction gravity seems taken out; another joint shows it.
     """
-    limit = np.maximum(PLAUSIBILITY.strange, PLAUSIBILITY.spoilt * before.misfit)
-    spoilt = (before.misfit < PLAUSIBILITY.fits) & (after.misfit > limit)
+    limit = np.maximum(MATTERS, CLEARLY * before.misfit)
+    spoilt = (before.misfit < HALF) & (after.misfit > limit)
     return mistake.is_of_all and bool(spoilt.any())
 
 
@@ -341,17 +343,16 @@ def _change(before: RowSample, after: RowSample) -> float:
     """
     judged = before.judged & after.judged
     after_, before_ = (
-        np.log(np.maximum(sample.misfit[judged], PLAUSIBILITY.negligible)).sum()
-        for sample in (after, before)
+        np.log(np.maximum(sample.misfit[judged], LITTLE)).sum() for sample in (after, before)
     )
     return float(after_ - before_)
 
 
 def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:
     """Mark the strange joints that undoing a mistake makes fit, (n,)."""
-    strange = after.judged & (before.misfit > PLAUSIBILITY.strange)
-    better = PLAUSIBILITY.better * after.misfit < before.misfit
-    return strange & better & (after.misfit < PLAUSIBILITY.fits)
+    strange = after.judged & (before.misfit > MATTERS)
+    better = FAR * after.misfit < before.misfit
+    return strange & better & (after.misfit < HALF)
 
 
 def _is_load(sample: RowSample, unit: Mistake) -> bool:
@@ -369,7 +370,7 @@ def _lightens(before: RowSample, loaded: RowSample, after: RowSample) -> bool:
     Of a joint that no load acts on, as of a flange that turns about the centre of what it carries,
     the load that mends others says nothing.
     """
-    gained = before.misfit - loaded.misfit > PLAUSIBILITY.negligible
+    gained = before.misfit - loaded.misfit > LITTLE
     return bool((gained & _mended(before, after)).any())
 
 
@@ -386,10 +387,8 @@ def foreign_bodies(observed: Observations) -> tuple[int, ...]:
         own = slice(PER_LINK * link, PER_LINK * (link + 1))
         if abs(fit.change(own)[0]) < sample.body.inertials[name].mass:
             given = np.minimum(given, fit.misfit(own))
-    least = max(
-        PLAUSIBILITY.apart, PLAUSIBILITY.apart_sigmas * observed.simulation.tolerances.inertia
-    )
-    joints = np.flatnonzero((given > least) & (PLAUSIBILITY.much_better * free < given))
-    if joints.size < PLAUSIBILITY.many or found_in(sample):  # a mounting looks like negative masses
+    least = max(LITTLE, REACH * observed.simulation.tolerances.inertia)
+    joints = np.flatnonzero((given > least) & (FAR * free < given))
+    if joints.size < FEW or found_in(sample):  # a mounting looks like negative masses
         return ()
     return tuple(joints.tolist())

@@ -30,8 +30,9 @@ from estimators.diagnosis.from_torque.residuals.reversals import (
     usual_about_reversals,
 )
 from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_encoders
-from estimators.diagnosis.settings import TINY
-from estimators.diagnosis.settings.judgement import IMPACTS, PUSHES
+from estimators.diagnosis.settings import FAR, FEW, NEARLY_ALL, TINY
+from estimators.diagnosis.settings.judgement import PUSHES
+from estimators.regression.evidence import REACH
 from limo_driver.types import FloatArray
 
 if TYPE_CHECKING:
@@ -163,10 +164,10 @@ class _Scan:
         floor = usual_errors(residual, steady)
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
-        inertial = PUSHES.of_inertia * _inertial(observed, moving)
-        own = np.where(turns, 1.0, np.hypot(1.0, inertial))  # at reversals others tell as much
+        # at reversals others tell as much
+        own = np.where(turns, 1.0, np.hypot(1.0, _inertial(observed, moving)))
         judged, averaged = steady | turns, []
-        for seconds in (PUSHES.smoothed, PUSHES.scattered):
+        for seconds in (PUSHES.shortest, 2 * PUSHES.shortest):
             errors = uniform_filter1d(white * judged, _odd_rows(observed, seconds), axis=0) / own
             usual = usual_about_reversals(observed, errors, steady, turns)
             judged = judged & np.isfinite(usual)
@@ -203,7 +204,7 @@ class _Scan:
         within = self._within(push)
         judged = self.judged[within].any(axis=1)
         rests = not self.observed.moving[within].any()
-        alike = len(push.joints) >= PUSHES.many and self._explained(push) >= IMPACTS.explained
+        alike = len(push.joints) >= FEW and self._explained(push) >= NEARLY_ALL
         known = not judged.size or judged.mean() >= PUSHES.judged
         if not (known or alike):
             return False
@@ -223,13 +224,13 @@ class _Scan:
             return False
         time = self.observed.slow.time
         before = (self.observed.recording == push.recording) & (time < push.end)
-        before &= time > push.start - PUSHES.rests
+        before &= time > push.start - PUSHES.apart
         rested = bool(self.resting[before].all())
         if rested and self.resting[within].all():
             return True
         steady = rested or self.observed.moving[before, joint].all()
         alike = (other.evidence for other in others if joint in other.joints)
-        return bool(steady and push.evidence > PUSHES.outstanding * max(alike, default=0.0))
+        return bool(steady and push.evidence > FAR * max(alike, default=0.0))
 
     def _explained(self, push: Push) -> float:
         """Return the part of squared errors in and around a push that its course explains."""
@@ -247,7 +248,7 @@ class _Scan:
         segment ends among them.
         """
         result = np.zeros_like(self.surprise)
-        energy, enough, independent = self._energies(self.surprise, PUSHES.smoothed, rows)
+        energy, enough, independent = self._energies(self.surprise, PUSHES.shortest, rows)
         starts, resting = np.arange(len(energy)), self._touch_rest(rows)
         for j, (use, away) in enumerate(zip(enough.T, (enough & ~self._turn(rows)).T, strict=True)):
             if away.sum() < PUSHES.fewest:
@@ -293,7 +294,7 @@ class _Scan:
         """
         time, most = self.observed.slow.time, 0.0
         for rows in {max(3, rows_in(self.observed, length)) for length in LENGTHS}:
-            energy, enough, independent = self._energies(self.lasting, PUSHES.scattered, rows)
+            energy, enough, independent = self._energies(self.lasting, 2 * PUSHES.shortest, rows)
             count = len(energy)
             ends = self.observed.recording[:count], time[:count], time[rows - 1 :]
             within, resting = _overlapping(push, *ends), self._touch_rest(rows)
@@ -363,7 +364,7 @@ class _Scan:
     def _quiet(self, push: Push) -> NDArray[np.bool_]:
         """Mark rows (K,) about which errors of what felt a push are as usual for a while."""
         joints = list(push.joints)
-        large = (np.abs(self.residual[:, joints]) > PUSHES.usual * self.floor[joints]).any(axis=1)
+        large = (np.abs(self.residual[:, joints]) > REACH * self.floor[joints]).any(axis=1)
         rows = _odd_rows(self.observed, PUSHES.ends)
         return np.asarray(minimum_filter1d(~large, rows), dtype=bool)
 
@@ -400,7 +401,7 @@ def _fitted(
         return _left(np.column_stack([_felt(course, time, start, end), others]), errors)
 
     best = (left(start, end), start, end)
-    for step in (PUSHES.step, PUSHES.step / 2, PUSHES.step / 2**2):
+    for step in (PUSHES.shortest, PUSHES.shortest / 2, PUSHES.shortest / 2**2):
         found = None
         while found != best:
             found = best

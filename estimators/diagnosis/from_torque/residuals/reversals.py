@@ -27,7 +27,7 @@ from scipy.stats import f as ratio_of_variances
 from scipy.stats import norm
 
 from estimators.diagnosis.from_torque.residuals.noise import usual_error
-from estimators.diagnosis.settings import TINY
+from estimators.diagnosis.settings import MATTERS, MOST, NEARLY_ALL, TINY
 from estimators.diagnosis.settings.judgement import PUSHES
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ def _quantile_of_others(table: FloatArray) -> FloatArray:
     table = np.where(known, table, np.inf)
     rank = np.argsort(np.argsort(table, axis=0, kind="stable"), axis=0, kind="stable")
     others = known.sum(axis=0) - known
-    at = PUSHES.at_turns * np.maximum(others - 1, 0)
+    at = NEARLY_ALL * np.maximum(others - 1, 0)
     ordered = np.sort(np.vstack([table, np.full((2, table.shape[1]), np.inf)]), axis=0)
     low, high = (
         np.take_along_axis(ordered, place + (place >= rank), axis=0)
@@ -164,7 +164,7 @@ def _turning(observed: Observations) -> NDArray[np.bool_]:
     usual = [
         np.median(np.abs(velocity[use, j])) if use.any() else 0.0 for j, use in enumerate(moving.T)
     ]
-    slow = PUSHES.stops * np.array(usual)
+    slow = MATTERS * np.array(usual)
     ahead = np.where(np.abs(velocity) < slow, 0.0, np.sign(velocity))
     turns = (ahead[1:] != ahead[:-1]) & (observed.segment[1:] == observed.segment[:-1])[:, None]
     none = np.zeros((1, observed.n), dtype=bool)
@@ -184,7 +184,7 @@ def surprisal(energy: FloatArray, others: FloatArray, freedom: float) -> FloatAr
         others: Those over other stretches of the same length, (R,); most of them are no events.
         freedom: Independent errors in a stretch.
     """
-    upper = PUSHES.scatter
+    upper = MOST
     usual, large = np.log(np.maximum(np.quantile(others, (0.5, upper)), np.finfo(float).tiny))
     scatter = ((large - usual) / norm.ppf(upper)) ** 2  # of logs, robust
     drawn = _freedom(float(scatter - polygamma(1, freedom / 2.0)))

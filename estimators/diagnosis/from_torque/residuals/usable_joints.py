@@ -22,8 +22,10 @@ from estimators.diagnosis.from_torque.residuals.noise import roughness
 from estimators.diagnosis.headline import names_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import rounded
-from estimators.diagnosis.settings import ROUNDING
-from estimators.diagnosis.settings.residuals import MISTAKES, PLAUSIBILITY, REPEATS, ROWS
+from estimators.diagnosis.settings import FINE, LITTLE, MOST, ROUNDING, SOME
+from estimators.diagnosis.settings.residuals import MISTAKES, REPEATS, ROWS
+from estimators.regression.evidence import REACH
+from limo_driver.physics.effects.friction import SIGN_WIDTH
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -43,7 +45,7 @@ def holds_still(observed: Observations) -> bool:
     """Say whether the arm stays where it is in all recordings, while its encoders tell of it."""
     farthest = max(float(np.ptp(item.position, axis=0).max()) for item in observed.recordings)
     alive = len(constant_joints(observed)) < observed.n
-    return alive and farthest < PLAUSIBILITY.holding and len(still(observed)) == observed.n
+    return alive and farthest < REPEATS.near and len(still(observed)) == observed.n
 
 
 def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
@@ -57,9 +59,7 @@ def doubtful_encoders(observed: Observations) -> tuple[int, ...]:
     torque = observed.measured - np.median(observed.measured, axis=0)
     rough = roughness(left, np.ones_like(observed.moving), observed.least_noise)
     strange = np.median(np.abs(left), axis=0)
-    doubt = (strange > PLAUSIBILITY.alive * rough) & (
-        strange > PLAUSIBILITY.own * np.median(np.abs(torque), axis=0)
-    )
+    doubt = (strange > REACH * rough) & (strange > 0.5 * np.median(np.abs(torque), axis=0))
     return tuple(j for j in constant_joints(observed) if doubt[j])
 
 
@@ -93,7 +93,7 @@ def without_effort(observed: Observations) -> tuple[int, ...]:
     # whether its torque counts by now or not: `observed.faster` is of those that do
     fast = np.abs(observed.slow.velocity) > ROWS.rest * observed.sign_width
     found = list[int]()
-    for j in np.flatnonzero(torque < PLAUSIBILITY.light * load).tolist():
+    for j in np.flatnonzero(torque < SOME * load).tolist():
         use = np.flatnonzero(fast[:, j])
         if use.size < MISTAKES.least_moving:
             continue
@@ -103,7 +103,7 @@ def without_effort(observed: Observations) -> tuple[int, ...]:
         columns = np.column_stack([np.ones(own.size), motion.position[:, j], its_load, friction])
         left = own - columns @ np.linalg.lstsq(columns, own, rcond=None)[0]
         unexplained = np.sum(left**2) / (own.size - columns.shape[1])
-        if unexplained > PLAUSIBILITY.idle**2 * np.var(own):
+        if unexplained > MOST**2 * np.var(own):
             found.append(j)
     return tuple(found)
 
@@ -156,11 +156,11 @@ def notes(observed: Observations, left: FloatArray) -> Iterator[str]:
 def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -> Repeat | None:
     """Lay one recording over another; None if they are of different motions."""
     rows, others = (np.flatnonzero(observed.recording == k) for k in (first, second))
-    if min(rows.size, others.size) < REPEATS.fewest:
+    if min(rows.size, others.size) < MISTAKES.least_moving:
         return None
     slow = observed.slow
-    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.repeated
-    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > ROWS.repeated
+    moves = np.sqrt(np.mean(slow.velocity[rows] ** 2, axis=0)) > ROWS.rest * SIGN_WIDTH
+    moves |= np.sqrt(np.mean(slow.velocity[others] ** 2, axis=0)) > ROWS.rest * SIGN_WIDTH
     position, velocity, residual = (
         CubicSpline(slow.time[others], values[others])
         for values in (slow.position, slow.velocity, left)
@@ -169,13 +169,13 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     def apart(delay: float) -> float:
         """Return the mean square by which positions differ where both are known [rad²]."""
         known = _known(observed, rows, others, delay)
-        if known.sum() < REPEATS.least * rows.size:
+        if known.sum() < 0.5 * rows.size:
             return np.inf
         there = slow.time[rows[known]] + delay
         return float(np.mean((position(there) - slow.position[rows[known]]) ** 2))
 
     coarse, period = _delay(observed, rows, others), observed.row_period
-    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=REPEATS.exact)
+    best = fminbound(apart, coarse - 2 * period, coarse + 2 * period, xtol=FINE * period)
     delay = float(np.asarray(best).item())
     if not moves.any() or np.sqrt(apart(delay)) > REPEATS.near:
         return None
@@ -183,7 +183,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     own, there = rows[known], slow.time[rows[known]] + delay
     off = np.sqrt(np.mean((velocity(there) - slow.velocity[own]) ** 2, axis=0))
     speed = np.sqrt(np.mean(slow.velocity[own] ** 2, axis=0))
-    if (off > np.maximum(REPEATS.alike * speed, ROWS.repeated))[moves].any():
+    if (off > np.maximum(LITTLE * speed, ROWS.rest * SIGN_WIDTH))[moves].any():
         return None
     near = np.clip(np.searchsorted(slow.time[others], there), 0, others.size - 1)
     moving = observed.moving[own] & observed.moving[others[near]]
@@ -213,7 +213,7 @@ def _delay(observed: Observations, rows: NDArray[np.int64], others: NDArray[np.i
         grid = np.arange(float(time[own[0]]), float(time[own[-1]]), period)
         parts.append(np.stack([np.interp(grid, time[own], x) for x in speed[own].T], axis=1))
     first, second = parts
-    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), ROWS.repeated)
+    scale = np.maximum(np.sqrt(np.mean(first**2, axis=0)), ROWS.rest * SIGN_WIDTH)
     alike = sum(
         np.asarray(correlate(second[:, j] / scale[j], first[:, j] / scale[j], method="fft"))
         for j in range(observed.n)

@@ -29,7 +29,7 @@ def test_a_map_leaves_cells_without_rows_empty():
 
 def test_bins_follow_the_number_of_rows():
     assert (bins_of(3), bins_of(120), bins_of(10**6)) == (5, 12, 32)
-    assert (cells_of(3), cells_of(300), cells_of(10**6)) == (5, 10, 22)
+    assert (cells_of(3), cells_of(300), cells_of(10**6)) == (5, 10, 32)
 
 
 def test_a_few_seconds_are_seen_in_most_bins():

@@ -24,7 +24,7 @@ from estimators.diagnosis.from_motion.suspects import (
     start_of_stiction,
     suspects_of,
 )
-from estimators.diagnosis.settings.judgement import VALUES
+from estimators.regression.evidence import REACH
 from limo_driver.physics import (
     Armature,
     CoulombFriction,
@@ -139,14 +139,14 @@ def test_values_stay_within_their_tolerance_until_one_is_suspected(stated, recor
         ArmLoads(stated.body, recordings[:1]),
         Weights(np.full(2, STEP), np.full(2, 0.1)),
         beliefs(guess.rows, 0.1),
-        within=VALUES.sure,
+        within=REACH,
     )
 
     kept = fit_arm(problem, guess, 8, deviations=True).guess
     one = fit_arm(problem, Suspect("position_servo", 1, (), freed="kp").added(kept), 8).guess
     all_of = fit_arm(replace(problem, within=np.inf), kept, 8, deviations=True).guess
 
-    least = 2.0 * np.array(KP) * np.exp(-0.1 * VALUES.sure)
+    least = 2.0 * np.array(KP) * np.exp(-0.1 * REACH)
     assert [value_in(row, "kp") for row in kept.rows] == pytest.approx(least)
     assert [value_in(row, "kp") for row in one.rows] == pytest.approx([least[0], KP[1]], rel=0.03)
     assert [value_in(row, "kp") for row in all_of.rows] == pytest.approx(KP, rel=0.03)

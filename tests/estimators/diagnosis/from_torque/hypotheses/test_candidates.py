@@ -13,6 +13,7 @@ from estimators.diagnosis.from_torque.hypotheses.candidates import candidates_of
 from estimators.diagnosis.from_torque.hypotheses.responses import Response
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.from_torque.residuals.observations import Observations
+from estimators.diagnosis.settings import MATTERS
 from estimators.diagnosis.settings.fitting import CANDIDATES
 from limo_driver.physics import CoulombFriction, Simulation
 from limo_driver.recordings.recording import Recording
@@ -48,9 +49,9 @@ def test_a_stated_value_may_change_by_itself_or_by_what_makes_a_plausible_torque
     revised = [item for item in found if item.effect == "coulomb_friction"]
     for item in revised:
         plausible = 1.0 / sizes[:, item.prior.index].max(axis=0)
-        wanted = np.maximum(CANDIDATES.wrong, plausible)
+        wanted = np.maximum(1.0, plausible)
         assert item.prior.deviation == pytest.approx(wanted)
-    assert any((item.prior.deviation > CANDIDATES.wrong).any() for item in revised)
+    assert any((item.prior.deviation > 1.0).any() for item in revised)
 
 
 def test_what_is_missing_makes_a_plausible_torque_at_the_joint_where_it_is_strongest(laid_out):
@@ -60,7 +61,7 @@ def test_what_is_missing_makes_a_plausible_torque_at_the_joint_where_it_is_stron
     for item in missing:
         strength = sizes[:, item.prior.index].max(axis=0)
         if item.hypothesis.is_list:
-            strength = np.maximum(strength, CANDIDATES.seldom * strength.max())
+            strength = np.maximum(strength, MATTERS * strength.max())
         some = strength > 1e-9
         assert item.prior.deviation[some] == pytest.approx(1.0 / strength[some])
 
@@ -69,7 +70,7 @@ def test_of_a_list_what_hardly_shows_is_as_what_seldom_does_and_what_never_does_
     found = [Response((0,), np.full((1, 4), size)) for size in (1.0, 0.01, 0.0)]
     places = SimpleNamespace(effect="slip", joints=(0,), positive=True, is_list=True, most=3.0)
     item = candidates._entered(places, found, ColumnTable(4, 1), np.array([2.0]))
-    assert item.prior.deviation == pytest.approx([2.0, 2.0 / CANDIDATES.seldom, 0.0])
+    assert item.prior.deviation == pytest.approx([2.0, 2.0 / MATTERS, 0.0])
 
 
 def test_a_stated_value_may_change_by_what_is_plausible_at_the_joint_where_it_is_strongest():
@@ -89,7 +90,7 @@ def test_a_load_is_as_heavy_as_arms_carry_at_the_end_of_the_last_link():
     bodies = [arm.model.inertials[name] for name in arm.model.link_names]
     centre = float(np.linalg.norm(bodies[-1].com))
     mass = CANDIDATES.payload * sum(body.mass for body in bodies)
-    lever = CANDIDATES.payload_lever * (arm.model.length + centre)
+    lever = CANDIDATES.payload * (arm.model.length + centre)
     assert lever > 2.0 * centre
     largest = np.repeat([mass, mass * lever, mass * lever**2], [1, 3, 6])
     loads = [item.prior.deviation for item in found if item.effect == "payload"]

@@ -9,7 +9,7 @@ import pytest
 
 from estimators.diagnosis.from_torque.judgement.surrogate import where_of
 from estimators.diagnosis.from_torque.residuals.observations import Observations
-from estimators.diagnosis.settings.judgement import REGION
+from estimators.diagnosis.settings import MOST
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +48,7 @@ def test_a_brief_torque_is_said_with_its_recording_and_time(observed, begins):
     assert begins <= start < end <= begins + 5.0
     shown = brief & observed.moving[:, 1]
     inside = (time >= start) & (time <= end) & shown
-    assert inside.sum() == np.ceil(REGION.most * shown.sum())
+    assert inside.sum() == np.ceil(MOST * shown.sum())
     assert start == time[shown][0]  # of stretches of one length the first
     assert "in a short part of the time" in where.region
 

