@@ -182,9 +182,10 @@ class OutputStage:
         if last.rigid or last.mode is mode:
             before = goal if last.goal is None or last.mode is not mode else last.goal
             return before, last.position, last.velocity, last.change
-        # What moves faster than it may, or than it can stop, is not followed in that. An arm whose
-        # pose jumped is kept where it was: if it is there, nothing pulls at it.
-        position = pose.position if pose.apart is None else pose.position + pose.apart
+        # What moves faster than it may, or than it can stop, is not followed in that. Stiffness
+        # keeps an arm whose pose jumped where it was: if it is there, nothing pulls at it.
+        sure = pose.apart is None or self._gains is None
+        position = pose.position if sure else pose.position + pose.apart
         return goal, position, self._positions.stoppable(position, pose.velocity), None
 
     def _rigid(
