@@ -83,6 +83,7 @@ class GainLimits:
         away: FloatArray,
         velocity: FloatArray,
         carried: FloatArray | None,
+        apart: FloatArray | None = None,
     ) -> tuple[tuple[FloatArray, FloatArray, FloatArray], int]:
         """Return stiffness, damping and feed-forward of the next cycle, and the limits met.
 
@@ -92,10 +93,13 @@ class GainLimits:
             away: Set-point minus measured position, (n,) [rad].
             velocity: Measured, minus that of the set-point where it is damped, (n,) [rad/s].
             carried: What is added to the torque, such as gravity, (n,) [N m]; None for nothing.
+            apart: Where else the arm may be, beyond the measured position, (n,) [rad]: the torque
+                keeps its rate there, too.
         """
         reached = np.empty((3, away.size))
         added = self._none if carried is None else carried
-        hit = _follow_gains(*wanted, *before, away, velocity, added, self._bounds, reached)
+        other = away if apart is None else away - apart
+        hit = _follow_gains(*wanted, *before, away, other, velocity, added, self._bounds, reached)
         return (reached[0], reached[1], reached[2]), hit
 
     def effort(
@@ -139,7 +143,7 @@ def _follow_effort(
 
 @compiled(
     reads=(
-        "stiffness", "damping", "torque", "stiffness_0", "damping_0", "torque_0", "away",
+        "stiffness", "damping", "torque", "stiffness_0", "damping_0", "torque_0", "away", "other",
         "velocity", "carried",
     )
 )  # fmt: skip
@@ -151,6 +155,7 @@ def _follow_gains(
     damping_0: FloatArray,
     torque_0: FloatArray,
     away: FloatArray,
+    other: FloatArray,
     velocity: FloatArray,
     carried: FloatArray,
     bounds: FloatArray,
@@ -181,13 +186,14 @@ def _follow_gains(
             hit |= TORQUE << 1
         # A drive that is saturated makes no more torque, however stiff it is told to be. What it
         # compensates by itself is within its torque, so that it saturates below twice that.
-        before, after = k0 * e - d0 * v + t0, k * e - d * v + t
-        now, then = min(max(before, -2 * most), 2 * most), min(max(after, -2 * most), 2 * most)
         share = 1.0
-        if abs(then - now) > step * (1 + _LAST_DIGITS):
-            aim = now + step if then > now else now - step
-            share = min(max((aim - before) / (after - before), 0.0), 1.0)
-            hit |= TORQUE << 1
+        for distance in (e, other[j]):
+            before, after = k0 * distance - d0 * v + t0, k * distance - d * v + t
+            now, then = min(max(before, -2 * most), 2 * most), min(max(after, -2 * most), 2 * most)
+            if abs(then - now) > step * (1 + _LAST_DIGITS):
+                aim = now + step if then > now else now - step
+                share = min(share, max((aim - before) / (after - before), 0.0))
+                hit |= TORQUE << 1
         reached[0, j] = k0 + share * (k - k0)
         reached[1, j] = d0 + share * (d - d0)
         reached[2, j] = t0 + share * (t - t0)

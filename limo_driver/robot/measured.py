@@ -31,6 +31,7 @@ class Pose(NamedTuple):
     time: float  # of limo's own clock [s]
     slower: FloatArray  # the velocity before [rad/s]
     since: float  # and for how long it has been this one [s]
+    apart: FloatArray | None = None  # where else it may be, beyond this, after a jump [rad]
 
     @property
     def acceleration(self) -> FloatArray:  # seldom asked for
@@ -49,6 +50,7 @@ class Belief:
     doubts: int = 0  # in a row, consistent with each other
     anywhere: bool = True  # the next one is believed wherever it has the arm
     jumped: bool = False  # the pose was believed only because it insisted
+    parted: float = 0.0  # when the pose jumped away from where else the arm may be [s]
     runaway: int = 0  # first joint, from 1, measured too fast or on its way out of range
 
 
@@ -95,7 +97,9 @@ class Measured:
             belief.pose = Pose(state.position, state.velocity, own, state.velocity, self._period)
             belief.anywhere = False
         elif fine == _FINE:
-            belief.pose = Pose(state.position, state.velocity, own, pose.velocity, since)
+            belief.pose = Pose(
+                state.position, state.velocity, own, pose.velocity, since, pose.apart
+            )
         else:
             return self._insists(state, belief)
         belief.doubts = 0
@@ -112,8 +116,23 @@ class Measured:
         belief.doubt = Pose(state.position, state.velocity, own, state.velocity, self._period)
         if belief.doubts < CONSISTENT:
             return False
-        belief.pose, belief.doubts, belief.jumped = belief.doubt, 0, True
+        apart = self._apart(state.position, belief)
+        belief.pose, belief.doubts, belief.jumped = belief.doubt._replace(apart=apart), 0, True
         return True
+
+    def _apart(self, position: FloatArray, belief: Belief) -> FloatArray | None:
+        """Return where an arm may be whose pose jumps there, beyond that; None if it is back.
+
+        No arm jumps: until it measures again where it can have gone to, both may be true.
+        """
+        before = self.now(belief)
+        if before is None:
+            return None
+        if before.apart is None:
+            belief.parted = before.time if belief.pose is None else belief.pose.time
+        apart = before.position - position + (0.0 if before.apart is None else before.apart)
+        reach = self._fastest * (belief.time - belief.parted + self._period) + SLACK
+        return apart if (np.abs(apart) > reach).any() else None
 
     def all_fine(
         self, position: FloatArray, velocity: FloatArray, torque: FloatArray, belief: Belief
@@ -152,7 +171,14 @@ class Measured:
         since = belief.time - pose.time
         change = since * pose.acceleration
         position = pose.position + since * (pose.velocity + 0.5 * change)
-        return Pose(position, pose.velocity + change, belief.time, pose.slower + change, pose.since)
+        return Pose(
+            position,
+            pose.velocity + change,
+            belief.time,
+            pose.slower + change,
+            pose.since,
+            pose.apart,
+        )
 
 
 @compiled(reads=("position", "velocity", "torque", "known"))

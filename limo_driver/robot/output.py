@@ -182,8 +182,11 @@ class OutputStage:
         if last.rigid or last.mode is mode:
             before = goal if last.goal is None or last.mode is not mode else last.goal
             return before, last.position, last.velocity, last.change
-        # What moves faster than it may, or than it can stop, is not followed in that.
-        return goal, pose.position, self._positions.stoppable(pose.position, pose.velocity), None
+        # What moves faster than it may, or than it can stop, is not followed in that. Stiffness
+        # keeps an arm whose pose jumped where it was: if it is there, nothing pulls at it.
+        sure = pose.apart is None or self._gains is None
+        position = pose.position if sure else pose.position + pose.apart
+        return goal, position, self._positions.stoppable(position, pose.velocity), None
 
     def _rigid(
         self,
@@ -208,7 +211,7 @@ class OutputStage:
                 effort = self._shifted(self._effort(last, pose), last, gravity)
                 before = before[0], before[1], effort - kept
             (stiffness, damping, torque), _ = self._impedances.follow(
-                wanted, before, away, speed, gravity
+                wanted, before, away, speed, gravity, pose.apart
             )
             return Setpoint(
                 PositionCommand, position, velocity, torque, stiffness, damping, wrench, gravity,
@@ -238,6 +241,7 @@ class OutputStage:
             position - pose.position,
             pose.velocity,
             gravity,
+            pose.apart,
         )
         stiffness, damping, torque = gains
         after = Setpoint(

@@ -229,6 +229,8 @@ class Robot(interrupts.Interruptible):
 
         Raises:
             ConnectionLostError: The robot is closed.
+            BackendError: A joint is measured where it cannot have gone, and its drive keeps
+                positions by stiffness.
         """
         if not self._open:
             raise ConnectionLostError("the robot is closed; open it again")

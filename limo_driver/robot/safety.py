@@ -236,7 +236,12 @@ class SafetyContract:
             memory.commanded = memory.commanded or memory.state is not None
 
     def resume(self) -> None:
-        """End a hold: the next command starts again from the measured pose."""
+        """End a hold: the next command starts again from the measured pose.
+
+        Raises:
+            BackendError: The pose jumped, and drives keep positions by stiffness.
+        """
+        self._require_one_place(self._pose())
         if self._memory.phase is _HOLDING:
             self._memory.asked = ""
             self._memory.phase, self._memory.reason = _IDLE, ""
@@ -284,6 +289,18 @@ class SafetyContract:
 
     def _pose(self) -> Pose | None:
         return self._measured.now(self._memory.belief)
+
+    def _require_one_place(self, pose: Pose | None) -> None:
+        """Refuse to leave a hold while an arm may be in two places, if stiffness keeps it there.
+
+        What torque its drives have, and lead on from, depends on where it is.
+        """
+        if self._stage.carries and pose is not None and pose.apart is not None:
+            j = int(np.argmax(np.abs(pose.apart)))
+            raise BackendError(
+                f"joint {j + 1} is measured {abs(pose.apart[j]):.3g} rad from where it can be; "
+                "resume once it is measured there, or open the robot anew"
+            )
 
     def _fault(self, *, stale: bool) -> str:
         """Say why the arm has to hold; empty if it need not."""
@@ -339,6 +356,7 @@ class SafetyContract:
         if memory.phase is _IDLE or type(command) is not type(memory.command):
             if memory.state.stale:
                 raise BackendError("a stream starts from a measured pose; the measurement is lost")
+            self._require_one_place(pose)
             if isinstance(command, (PositionCommand, ImpedanceCommand)):
                 self.check_start(command.position, memory.state.position)
             # An arm that was resumed while it braked may give way again only where it could stop.

@@ -2,6 +2,7 @@
 
 from contextlib import suppress
 from dataclasses import replace
+from itertools import pairwise
 
 import can
 import numpy as np
@@ -338,6 +339,52 @@ def test_change_no_torque_faster_than_its_rate(robot, bus, config, kind, cycles)
     if cycles < patience and kind != "torque":
         gravity = config.model.gravity_torque(start)[0][0]
         assert torque == pytest.approx(np.full(len(torque), gravity), abs=0.5)
+
+
+@pytest.mark.parametrize("kind", ["position", "impedance", "torque"])
+@pytest.mark.parametrize("cycles", [3, 6, 40])
+def test_change_no_torque_where_the_arm_is_faster_than_its_rate(robot, bus, config, kind, cycles):
+    """As stiffness about a false pose would, or a torque that an arm at that pose would have."""
+    start = robot.receive().position
+    for _ in range(20):
+        robot.send(command(kind, start))
+        robot.receive()
+    bus.sent.clear()
+    lying(bus, cycles)
+    where = []
+    for k in range(100):
+        where.append(bus.station.arm.encoders[0])
+        with suppress(BackendError):
+            robot.send(command("torque" if k > 5 else kind, start))
+        if robot.receive().holding:
+            with suppress(BackendError):
+                robot.resume()
+
+    def torque(said, position):
+        return (
+            said.stiffness * (said.position - position) + said.damping * said.velocity + said.torque
+        )
+
+    sent, ranges = told(bus), bus.station.drives[0].ranges
+    pairs = zip(where[1:], pairwise(sent), strict=True)
+    changes = [torque(after, q) - torque(before, q) for q, (before, after) in pairs]
+    rounding = 1.5 * 500 * 2 * ranges.position / 65535  # of two that are said, one that is measured
+    most = config.model.limits.torque_rate[0] / config.rate
+    assert np.abs(changes).max() <= most + ranges.torque_step + rounding
+
+
+def test_an_arm_that_lied_takes_commands_once_it_is_back(robot, bus):
+    start = robot.receive().position
+    robot.send(command("torque", start))
+    lying(bus, 20)
+    for _ in range(10):
+        robot.receive()
+    with pytest.raises(BackendError, match=r"joint 1 is measured 0\..* rad from where it can be"):
+        robot.resume()
+    for _ in range(20):
+        robot.receive()
+    robot.resume()
+    robot.send(command("position", start))
 
 
 def test_gravity_is_led_to_where_the_arm_insists_that_it_is(robot, bus, config):
