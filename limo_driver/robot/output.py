@@ -184,8 +184,9 @@ class OutputStage:
             return before, last.position, last.velocity, last.change
         # What moves faster than it may, or than it can stop, is not followed in that. Stiffness
         # keeps an arm whose pose jumped where it was: if it is there, nothing pulls at it.
-        sure = pose.apart is None or self._gains is None
-        position = pose.position if sure else pose.position + pose.apart
+        position = pose.position
+        if pose.apart is not None and self._gains is not None:
+            position = position + pose.apart
         return goal, position, self._positions.stoppable(position, pose.velocity), None
 
     def _rigid(
