@@ -77,9 +77,7 @@ def _without(**settings: object) -> Change:
 
 PARTS: dict[str, Change] = {
     WHOLE: Change({}, {}),
-    "short recordings: guards of 1 s, two blocks held out": _without(
-        residuals__HELD_OUT__guard_part=1.0, residuals__HELD_OUT__turn=0
-    ),
+    "short recordings: guards of 1 s": _without(residuals__HELD_OUT__guard_part=1.0),
     "bodies: as they are fitted, possible or not; no load in place of a link": Change(
         {},
         {
@@ -89,7 +87,6 @@ PARTS: dict[str, Change] = {
             f"{FITTING}.settling.loaded": lambda _problem, solution: solution,
         },
     ),
-    "noise: of a fit of everything, as it is": _without(fitting__SOLVING__least_left=1.0),
     "names: that need not surely help": Change(
         {},
         {
