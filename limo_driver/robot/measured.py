@@ -126,10 +126,10 @@ class Measured:
         No arm jumps: until it measures again where it can have gone to, both may be true.
         """
         before = self.now(belief)
-        if before is None:
+        if before is None or belief.pose is None:
             return None
         if before.apart is None:
-            belief.parted = before.time if belief.pose is None else belief.pose.time
+            belief.parted = belief.pose.time
         apart = before.position - position + (0.0 if before.apart is None else before.apart)
         reach = self._fastest * (belief.time - belief.parted + self._period) + SLACK
         return apart if (np.abs(apart) > reach).any() else None
@@ -171,14 +171,8 @@ class Measured:
         since = belief.time - pose.time
         change = since * pose.acceleration
         position = pose.position + since * (pose.velocity + 0.5 * change)
-        return Pose(
-            position,
-            pose.velocity + change,
-            belief.time,
-            pose.slower + change,
-            pose.since,
-            pose.apart,
-        )
+        velocity, slower = pose.velocity + change, pose.slower + change
+        return pose._replace(position=position, velocity=velocity, time=belief.time, slower=slower)
 
 
 @compiled(reads=("position", "velocity", "torque", "known"))

@@ -72,6 +72,9 @@ class Master:
         return answers + self.wait(period)
 
 
+POSE = [0.4, -0.3]  # [rad], in which simulated motors begin
+
+
 class DrivesBus(SyncBus):
     """The driver's end of a bus with simulated drives; time passes where the driver waits."""
 

@@ -2,7 +2,7 @@
 
 import can
 import pytest
-from bus_master import GROUP, Master
+from bus_master import GROUP, POSE, DrivesBus, Master
 from ports import free_port
 
 from backends.can.config import ArmConfig
@@ -69,3 +69,19 @@ def port(arm_yaml):
     """The bus of the arm, as the backend opens it."""
     with BusPort(ArmConfig.load(arm_yaml()).bus) as port:
         yield port
+
+
+@pytest.fixture
+def config(arm_yaml):
+    """Two Damiao motors."""
+    joints = """
+  - {node: 1, stiffness: 500, damping: 5}
+  - {node: 2, stiffness: 500, damping: 5, direction: -1, offset: 0.25}
+"""
+    return ArmConfig.load(arm_yaml("convention: damiao", joints))
+
+
+@pytest.fixture
+def bus(config):
+    """Return a bus with them, on which time passes where a driver waits."""
+    return DrivesBus(config, POSE)

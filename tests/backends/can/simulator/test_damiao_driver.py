@@ -6,30 +6,14 @@ from dataclasses import replace
 import can
 import numpy as np
 import pytest
-from bus_master import DrivesBus
+from bus_master import POSE, DrivesBus
 
-from backends.can import ArmConfig, CanRobot
+from backends.can import CanRobot
 from backends.can.config import DamiaoJoint
 from backends.can.damiao import codec as damiao
 from backends.can.damiao.codec import Register, Status
 from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
-
-POSE = [0.4, -0.3]
-
-
-@pytest.fixture
-def config(arm_yaml):
-    joints = """
-  - {node: 1, stiffness: 500, damping: 5}
-  - {node: 2, stiffness: 500, damping: 5, direction: -1, offset: 0.25}
-"""
-    return ArmConfig.load(arm_yaml("convention: damiao", joints))
-
-
-@pytest.fixture
-def bus(config):
-    return DrivesBus(config, POSE)
 
 
 def opened(config, bus, **options):

@@ -5,29 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from bus_master import DrivesBus
 
-from backends.can import ArmConfig, CanRobot
+from backends.can import CanRobot
 from backends.can.damiao import codec as damiao
 from limo_driver.errors import BackendError, HoldingError
 from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand
 
 FALSE = 0.5  # [rad]
-POSE = [0.4, -0.3]
-
-
-@pytest.fixture
-def config(arm_yaml):
-    joints = """
-  - {node: 1, stiffness: 500, damping: 5}
-  - {node: 2, stiffness: 500, damping: 5, direction: -1, offset: 0.25}
-"""
-    return ArmConfig.load(arm_yaml("convention: damiao", joints))
-
-
-@pytest.fixture
-def bus(config):
-    return DrivesBus(config, POSE)
 
 
 @pytest.fixture
