@@ -77,6 +77,18 @@ class Export(Displayed):
             "(RMS, in motion)"
         )
 
+    def __str__(self) -> str:
+        """Say what is not as in the file or in the simulation, and then what was proven."""
+        parts = {
+            "kept": self.kept,
+            "dropped": self.dropped,
+            "not written": self.unwritten,
+            "needs": [self.needs] if self.needs else [],
+            "left": self.left,
+        }
+        lines = [f"{what}: {line}" for what, own in parts.items() for line in own]
+        return "\n".join([*lines, super().__str__()])
+
     def figures(self) -> Mapping[str, Sequence[object]]:
         """Return the errors of each joint."""
         return {

@@ -17,7 +17,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
         ("your_csv", "questions: none"),
         pytest.param(
             "your_mjcf",
-            "Payload of 0.5|model.xml: changed; MuJoCo alone needs what limo predicts, to 0.0",
+            "Payload of 0.5|model.xml: changed; MuJoCo alone needs what limo predicts|to 0.00% of",
             marks=pytest.mark.slow("diagnoses, and exports"),
         ),  # of 0.6 kg
         pytest.param(

@@ -151,13 +151,5 @@ def _print_json(found: Export) -> None:
 def show(found: Export) -> None:
     """Print what an export wrote."""
     console = terminal(soft_wrap=True)
-    parts = {
-        "kept": found.kept,
-        "dropped": found.dropped,
-        "not written": found.unwritten,
-        "needs": [found.needs] if found.needs else [],
-        "left": found.left,
-    }
-    lines = [f"{what}: {line}" for what, own in parts.items() for line in own]
-    for line in (*found.diff.splitlines(), *lines, *str(found).splitlines()):
+    for line in (*found.diff.splitlines(), *str(found).splitlines()):
         console.print(line)

@@ -165,7 +165,7 @@ class _Scan:
         noise = _noise(observed, residual, observed.moving | resting[:, None])
         white = np.stack([noise.whiten(residual[:, j], j) for j in range(observed.n)], axis=1)
         # at reversals others tell as much
-        own = np.where(turns, 1.0, np.hypot(1.0, _inertial(observed, moving)))
+        own = np.where(turns, 1.0, _grown(white, _inertial(observed, moving), moving))
         judged, averaged = steady | turns, []
         for seconds in (PUSHES.shortest, 2 * PUSHES.shortest):
             errors = uniform_filter1d(white * judged, _odd_rows(observed, seconds), axis=0) / own
@@ -457,6 +457,28 @@ def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
     near = maximum_filter1d(np.abs(torque), 2 * rows_in(observed, PUSHES.spread) + 1, axis=0)
     usual = [float(np.median(near[use, j])) if use.any() else 1.0 for j, use in enumerate(moving.T)]
     return near / np.maximum(usual, np.finfo(float).tiny)
+
+
+def _grown(errors: FloatArray, inertial: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
+    """Return how many times as large as at rest errors (K, n) are, as they grow with inertia.
+
+    By medians over the slower and the faster half of the rows of motion: noise of sensors does not
+    grow, and an error of it during fast motion is as good as any other.
+    """
+    result = np.ones_like(errors)
+    for j, use in enumerate(moving.T):
+        if not use.any():
+            continue
+        torque, squares = inertial[use, j] ** 2, errors[use, j] ** 2
+        fast = torque > np.median(torque)
+        if fast.any():
+            (slow_square, slow), (fast_square, large) = (
+                (np.median(squares[half]), np.median(torque[half])) for half in (~fast, fast)
+            )
+            growth = max((fast_square - slow_square) / (large - slow), 0.0)
+            least = max(slow_square - growth * slow, TINY)
+            result[:, j] = np.sqrt(1.0 + growth / least * inertial[:, j] ** 2)
+    return result
 
 
 def _sums(values: FloatArray, rows: int) -> FloatArray:

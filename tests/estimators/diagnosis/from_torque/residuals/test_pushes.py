@@ -9,12 +9,13 @@ import pytest
 from noisy_recordings import DURATION, NOISE, RATE, WINDOWS, WRENCHES, half_sines, motion, observed
 from scipy.interpolate import CubicSpline
 
+import limo_driver as limo
 from estimators.diagnosis.from_torque.contact import ContactIn, wrench_of
 from estimators.diagnosis.from_torque.hypotheses.responses import response
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.from_torque.residuals.pushes import Push, covered, pushes
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
-from limo_driver.physics import ExternalContact, Payload, Simulation
+from limo_driver.physics import CoulombFriction, ExternalContact, Payload, Sensors, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
@@ -247,6 +248,19 @@ def test_what_one_joint_does_as_it_vibrates_is_no_push() -> None:
     residual[shaking, 3] += 0.12 * np.sin(2 * np.pi * 2.5 * (time[shaking] - 30.0))
 
     assert pushes(o, residual) == ()
+
+
+def test_noise_beside_fast_travel_is_no_push() -> None:
+    """Where the arm accelerates much, noise is no smaller for it."""
+    arm = limo.Simulation(
+        "iiwa14",
+        (*(CoulombFriction(joint=j, tau_c=1.0, v_eps=0.002) for j in range(1, 8)),),
+        sensors=Sensors(torque_noise=(0.05, 0.05, 0.04, 0.04, 0.03, 0.02, 0.02)),
+    )
+    trajectory = limo.plan("iiwa14", limo.PlanRequest(scaffolds=4), seed=5)
+    o = Observations.of(arm, [limo.run("mujoco", trajectory, simulation=arm)], 10.0)
+
+    assert pushes(o, o.residual) == ()
 
 
 @cache
