@@ -56,12 +56,15 @@ def lowest() -> tuple[str, ...]:
 
 
 # The rows of other Pythons take several GB each: from PyPI comes the build of torch for GPUs.
-# The oldest typer makes newer releases of click warn.
+# The oldest typer makes newer releases of click warn, and the oldest protobuf does not read what
+# newer grpcio-tools generate.
 ROWS: Final = {
     "mujoco-3.12": Row(("mujoco==3.12.*",), WITH_MUJOCO),
     "mujoco-3": Row(("mujoco>=3.12,<4",), WITH_MUJOCO),
     "mujoco-4": Row((), WITH_MUJOCO),  # the pinned one
-    "lowest": Row((*lowest(), "click<8.2"), ("tests",), ("python3.11",), pinned=False),
+    "lowest": Row(
+        (*lowest(), "click<8.2", "grpcio-tools<1.66"), ("tests",), ("python3.11",), pinned=False
+    ),
     "newest": Row((), ("tests",), ("python3.14", "python3.13"), pinned=False),
 }
 

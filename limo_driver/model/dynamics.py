@@ -19,6 +19,7 @@ from limo_driver.types import FloatArray, as_numbers, readonly
 # pinocchio has no stubs and is found through an import hook; this file is an adapter to it.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
 _MOTION = ("position", "velocity", "acceleration")
+_OWN = {"_data", "_pool"}
 _MANY = 1000  # samples, from which on another thread is worth waking
 
 
@@ -29,7 +30,6 @@ class ArmDynamics(ABC):
     pin_tree: Any  # of the m links, each with a joint of its own
     linkage: JointLinkage  # which of the n joints moves each of the m links
     massless: tuple[str, ...]  # names of links without a mass, for which no torque is computed
-    _data: Any  # of `pin_model`
     _flange: int  # frame
 
     @cached_property
@@ -45,9 +45,17 @@ class ArmDynamics(ABC):
     def with_gravity(self, gravity: Sequence[float]) -> Self:
         """Return this robot under another gravity, (3,) [m/s²] in the frame of the base."""
 
+    @cached_property
+    def _data(self) -> Any:  # noqa: ANN401  # pinocchio's
+        """Room in which pinocchio computes with `pin_model`."""
+        return self.pin_model.createData()
+
     def __getstate__(self) -> dict[str, Any]:
-        """Return what is sent to another process, where the pool is made anew when it is needed."""
-        return {name: value for name, value in vars(self).items() if name != "_pool"}
+        """Return what is sent to another process or copied: room to compute in is made anew there.
+
+        pinocchio cannot always read what it has written of it, since some is not set.
+        """
+        return {name: value for name, value in vars(self).items() if name not in _OWN}
 
     def flange_position(self, position: FloatArray) -> FloatArray:
         """Return where the flange is in the base frame.

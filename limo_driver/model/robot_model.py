@@ -136,7 +136,6 @@ class RobotModel(ArmDynamics, Displayed):
         # joints whose speed the file does not limit; what `limits` has of it is chosen for plans
         stated = np.array(chain.tree.upperVelocityLimit)[chain.linkage.own]
         self.unlimited_speed = assumed & (stated <= 0.0)
-        self._data = self.pin_model.createData()
         self._flange = last_frame(self.pin_tree, self.linkage.links)
         locked = (
             f"joint {x} neither turns nor slides, and is locked at 0" for x in self.locked_joints
@@ -255,7 +254,6 @@ class RobotModel(ArmDynamics, Displayed):
         other.inertials = dict(self.inertials)
         other._override(inertials)
         other.pin_model.gravity.linear = other.pin_tree.gravity.linear = _gravity(gravity)
-        other._data = other.pin_model.createData()
         return other
 
     @property

@@ -29,7 +29,6 @@ _STOP: Final = b"\0"  # no signal has this number
 _AT_ONCE: Final = 4096  # signals read
 _LONGEST: Final = 1e6  # [s] that the operating system waits at once
 TaskT = TypeVar("TaskT")
-JobT = TypeVar("JobT")
 _LEAST: Final = 19
 _ABANDONED: Final = 3  # exit status
 _LOOK: Final = 1.0  # [s] between two looks at a process
@@ -211,25 +210,30 @@ class WorkerProcess(Generic[TaskT]):
     """One process and the task that it does.
 
     Args:
-        work: Runs in the process, with its end of the pipe. It takes tasks until the pipe is
-            closed, calls `end_with_parent` first, and answers each as it likes.
-        job: What all tasks share, the second argument of `work`.
+        work: Runs in the process, with its end of the pipe. It calls `end_with_parent` first,
+            takes the job and then tasks until the pipe is closed, and answers each as it likes.
+        job: What all tasks share. It comes through the pipe, which breaks where the process dies:
+            arguments of a process that dies as it starts are waited for without end.
     """
 
     task: TaskT
 
-    def __init__(self, work: Callable[[Connection[Any, Any], JobT], None], job: JobT) -> None:
+    def __init__(self, work: Callable[[Connection[Any, Any]], None], job: object) -> None:
         context = get_context("spawn")
         self.connection, theirs = context.Pipe()
-        self.process: SpawnProcess = context.Process(target=work, args=(theirs, job), daemon=True)
+        self.process: SpawnProcess = context.Process(target=work, args=(theirs,), daemon=True)
         self.process.start()
         theirs.close()  # so that the end of the process is the end of the pipe
+        self._send(job)
 
     def start(self, task: TaskT) -> None:
         """Send the next task."""
         self.task = task
+        self._send(task)
+
+    def _send(self, value: object) -> None:
         with suppress(BrokenPipeError):  # it has died, which the next receipt tells
-            self.connection.send(task)
+            self.connection.send(value)
 
     def stop(self) -> int | None:
         """End the process, whatever it does, and return its exit status."""

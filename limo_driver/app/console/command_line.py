@@ -116,6 +116,9 @@ def describe_options(command: Callable[..., None]) -> Callable[..., None]:
 
     @wraps(command)
     def with_options(**given: object) -> None:
+        for name, value in given.items():
+            if value != value:  # noqa: PLR0124  # bounds of options let it pass
+                raise ConfigError(f"--{name.replace('_', '-')} is nan, expected a number")
         command(**_gather(command, given))
 
     with_options.__dict__["__signature__"] = Signature([*_described(command)])

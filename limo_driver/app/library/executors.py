@@ -152,15 +152,15 @@ class ProcessPool(Generic[TaskT, OutcomeT]):
         return [(worker.task, message)]
 
 
-def _work(main: Connection[Any, Any], given: tuple[Any, bool]) -> None:
+def _work(main: Connection[Any, Any]) -> None:
     """Do what comes through the pipe until its other end is closed."""
     end_with_parent()
-    job, tells = given
 
     def tell(progress: object) -> None:
         main.send((False, progress))
 
     with suppress(EOFError, BrokenPipeError, ConnectionResetError):
+        job, tells = main.recv()
         while True:
             task = main.recv()
             main.send((True, job.do(task, tell) if tells else job.do(task)))

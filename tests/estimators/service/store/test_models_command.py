@@ -59,16 +59,16 @@ def run(*arguments: object):
 
 
 def test_a_stray_folder_with_a_number_for_a_name_is_named_and_left_out(
-    store: Path, tmp_path: Path
+    store: Path, tmp_path: Path, limo
 ) -> None:
     copy = tmp_path / "models"
     shutil.copytree(store, copy)
     (copy / "two_joints" / "77").mkdir()
-    listed = run("list", "--store", copy, "--json")
-    assert listed.exit_code == 0, listed.exception
+    listed = limo("models", "list", "--store", copy, "--json")
+    assert listed.returncode == 0
     assert [version["version"] for version in json.loads(listed.stdout)] == [1, 2]
     assert "77" in listed.stderr
-    assert "Traceback" not in listed.output
+    assert "Traceback" not in listed.stderr
 
 
 def test_promotion_is_seen_in_the_list_and_undone(store: Path) -> None:

@@ -48,7 +48,7 @@ def plans(tmp_path_factory, two_links_urdf):
 @pytest.fixture
 def here(monkeypatch):
     """Work in this process, and count from zero."""
-    monkeypatch.setattr("limo_driver.app.library.executors.executor_of", Here)
+    monkeypatch.setattr("limo_driver.app.library.simulating.executor_of", Here)
     monkeypatch.setattr(Here, "done", 0)
     return Here
 

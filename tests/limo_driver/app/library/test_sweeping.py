@@ -49,7 +49,7 @@ def data(tmp_path_factory, two_links_urdf):
 @pytest.fixture
 def here(monkeypatch):
     """Work in this process, and count from zero."""
-    monkeypatch.setattr("limo_driver.app.library.executors.executor_of", Here)
+    monkeypatch.setattr("limo_driver.app.library.sweeping.executor_of", Here)
     monkeypatch.setattr(Here, "done", 0)
     return Here
 
