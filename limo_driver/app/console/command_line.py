@@ -118,7 +118,7 @@ def describe_options(command: Callable[..., None]) -> Callable[..., None]:
     def with_options(**given: object) -> None:
         for name, value in given.items():
             if value != value:  # noqa: PLR0124  # bounds of options let it pass
-                raise ConfigError(f"--{name.replace('_', '-')} is nan, expected a number")
+                raise ConfigError(f"{_option_of(command, name)} is nan, expected a number")
         command(**_gather(command, given))
 
     with_options.__dict__["__signature__"] = Signature([*_described(command)])
@@ -148,6 +148,13 @@ def _described(function: Callable[..., Any]) -> Generator[Parameter]:
             info.help = helps.get(item.name)  # none where Python leaves docstrings out
         annotation = kind if info is None else Annotated[kind, info]
         yield item.replace(kind=Parameter.KEYWORD_ONLY, annotation=annotation)
+
+
+def _option_of(command: Callable[..., Any], name: str) -> str:
+    """Return what sets a parameter of a command."""
+    kind = next(item.annotation for item in _described(command) if item.name == name)
+    stated = [each for info in get_args(kind)[1:] for each in info.param_decls or ()]
+    return stated[0] if stated else f"--{name.replace('_', '-')}"
 
 
 def _plain_option(item: Parameter) -> Any:  # noqa: ANN401  # typer's

@@ -217,7 +217,7 @@ def test_goes_on_between_malformed_messages_of_a_real_session(two_sessions):
         (("--until", "ready"), "a service is never 'ready', expected loading, compiling, waiting"),
         (("--until", "serving", "--timeout", "0"), "--timeout is 0 s, expected above 0"),
         (("--until", "serving", "--timeout", "-1"), "--timeout is -1 s, expected above 0"),
-        (("--until", "serving", "--timeout", "nan"), "--timeout is nan s, expected above 0"),
+        (("--until", "serving", "--timeout", "nan"), "--timeout is nan, expected a number"),
         (("--until", "serving", "--duration", "1"), "--duration is for watching"),
         (("--timeout", "1"), "--timeout is for --until"),
         (("--until", "serving", "--web", "--arm", "a"), "--web is for watching; --until only"),
