@@ -153,8 +153,8 @@ def _described(function: Callable[..., Any]) -> Generator[Parameter]:
 def _option_of(command: Callable[..., Any], name: str) -> str:
     """Return what sets a parameter of a command."""
     kind = next(item.annotation for item in _described(command) if item.name == name)
-    stated = [each for info in get_args(kind)[1:] for each in info.param_decls or ()]
-    return stated[0] if stated else f"--{name.replace('_', '-')}"
+    first = [str(info.default) for info in get_args(kind)[1:]]  # typer takes it for a default
+    return next((x for x in first if x.startswith("--")), f"--{name.replace('_', '-')}")
 
 
 def _plain_option(item: Parameter) -> Any:  # noqa: ANN401  # typer's
