@@ -15,6 +15,7 @@ from estimators.base import LiveEstimator
 from estimators.embedded.contact import (
     FALSE_ALARMS,
     NO_CONTACT,
+    SLOW,
     TURNED,
     ContactThresholds,
     measured_contact,
@@ -268,8 +269,15 @@ class _Code:
     def _contact(self) -> str:
         if self.contact is None:
             return ""
-        error = table("free_error", self.contact.error)
-        return error + table("contact_above", self.contact.level) + defines({"TURNED": TURNED})
+        contact, unlike = self.contact, 2 * self.stream.samples
+        return (
+            table("free_error", contact.error)
+            + table("contact_above", contact.level)
+            + table("free_least", contact.covered[0])
+            + table("free_most", contact.covered[1])
+            + table("free_speeds", contact.speeds.astype(float))
+            + defines({"TURNED": TURNED, "SLOW": SLOW, "UNLIKE_SAMPLES": unlike})
+        )
 
     def _acting(self) -> str:
         """Return the functions of the effects, and of their laws."""

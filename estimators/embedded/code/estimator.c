@@ -269,6 +269,7 @@ void limo_init(limo_state *state)
         state->lowest[j] = INFINITY;
         state->highest[j] = -INFINITY;
         state->contact[j] = false;
+        state->unlike[j] = 0;
     }
 #endif
 #if LIMO_TORQUE_TAPS > 1
@@ -282,6 +283,20 @@ void limo_reset(limo_state *state)
 {
     limo_init(state);
 }
+
+#if LIMO_CONTACT
+/* Whether free motion had such a speed, acceleration and torque: else nobody knows the error. */
+static bool shown(int j, double velocity, double acceleration, double torque)
+{
+    const double now[3] = {velocity, acceleration, torque};
+    for (int k = 0; k < 3; ++k) {
+        if (!(free_least[j][k] <= now[k] && now[k] <= free_most[j][k])) {
+            return false;
+        }
+    }
+    return free_speeds[j][fabs(velocity) < SLOW ? 0 : 1] > 0.0;
+}
+#endif
 
 limo_status limo_step(limo_state *state, double time, const double position[N],
                       const double *torque, limo_estimate *estimate)
@@ -326,6 +341,10 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
     for (int j = 0; j < N; ++j) {
         state->lowest[j] = fmin(state->lowest[j], position[j]);
         state->highest[j] = fmax(state->highest[j], position[j]);
+        state->unlike[j] -= state->unlike[j] > 0;
+        if (!shown(j, motion[0][j], motion[1][j], estimate->simulation[j])) {
+            state->unlike[j] = UNLIKE_SAMPLES;
+        }
     }
 #endif
     for (int j = 0; torque && j < N; ++j) {
@@ -336,7 +355,7 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
             estimate->deviation[j] = free_error[j];
         }
         estimate->threshold[j] = contact_above[j] * estimate->deviation[j];
-        estimate->known[j] = estimate->filled && !estimate->outside[j] &&
+        estimate->known[j] = estimate->filled && !estimate->outside[j] && !state->unlike[j] &&
                              state->highest[j] - state->lowest[j] >= TURNED;
         if (estimate->filled) { /* else a gap is short, and what touched the arm may still */
             state->contact[j] =

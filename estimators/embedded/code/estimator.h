@@ -30,6 +30,7 @@ typedef struct {
 #if LIMO_CONTACT
     double lowest[LIMO_JOINTS], highest[LIMO_JOINTS]; /* positions since memory began */
     bool contact[LIMO_JOINTS];                        /* as it was last known */
+    size_t unlike[LIMO_JOINTS]; /* samples for which the motion counts as unlike the free one */
 #endif
 } limo_state;
 
@@ -49,7 +50,8 @@ typedef struct {
 #if LIMO_CONTACT
     double threshold[LIMO_JOINTS]; /* of external torque, from where on it is a contact */
     bool contact[LIMO_JOINTS];     /* external torque is beyond it; as before while a gap is filled */
-    bool known[LIMO_JOINTS];       /* contact is: not after a start or gap, nor where outside */
+    bool known[LIMO_JOINTS];       /* contact is: not after a start or gap, where outside, nor
+                                    * in motion that free motion did not show */
 #endif
     bool filled;                   /* the filter has forgotten the start or the last gap */
 } limo_estimate;

@@ -107,7 +107,7 @@ def free(arm):
 class TestThresholds:
     def test_are_above_the_errors_and_rise_as_alarms_are_to_be_rarer(self, arm, free):
         often, seldom = (
-            np.array(limo.contact_thresholds(arm, free, false_alarms=rate)) for rate in (60.0, 0.1)
+            np.array(limo.contact_thresholds(arm, free, false_alarms=rate)) for rate in (60.0, 1.0)
         )
         assert often.shape == (7,)
         assert (seldom > often).all()
