@@ -15,6 +15,7 @@ import numpy as np
 
 from limo_driver.robot.efforts import EffortLimits, GainLimits
 from limo_driver.robot.jerk import JerkLimits
+from limo_driver.robot.measured import farthest_false
 from limo_driver.robot.setpoints import TORQUE, WRENCH, PositionLimits, names_of
 from limo_driver.types import (
     ImpedanceCommand,
@@ -93,7 +94,8 @@ class OutputStage:
         )
         self._torques = EffortLimits(limits.torque, limits.torque_rate, spec.period, TORQUE)
         self._wrenches = EffortLimits(wrench.wrench, wrench.rate, spec.period, WRENCH)
-        self._impedances = GainLimits(limits, spec.period)
+        unseen = None if gains is None else farthest_false(limits, spec.period)
+        self._impedances = GainLimits(limits, spec.period, unseen)
 
     @property
     def carries(self) -> bool:

@@ -46,6 +46,10 @@ class Rig:
         """Return what was applied since the last call; None where nobody was commanded."""
         raise NotImplementedError
 
+    def truth(self, state):
+        """Return a state that was measured now as it would be if nothing had been false."""
+        return state
+
     def lose(self, cycles):
         """Lose measurements."""
         self.robot.lose_measurements(cycles)
@@ -67,10 +71,11 @@ class SimulatedRig(Rig):
     def __init__(self, robot):
         super().__init__(robot)
         self.applied, self.false, self.ahead = tapped(robot), [], 0.0
+        self.true = None  # what was measured last, before it was made false
         cycle = robot._cycle_once
 
         def disturbed():
-            state = cycle()
+            self.true = state = cycle()
             values = self.false.pop() if self.false else {}
             state = replace(state, time=state.time + self.ahead)
             if "position" in values:
@@ -82,6 +87,9 @@ class SimulatedRig(Rig):
     def told(self):
         told, self.applied[:] = list(self.applied), []
         return told
+
+    def truth(self, state):
+        return replace(state, position=self.true.position, velocity=self.true.velocity)
 
     def spoil(self, cycles, **values):
         self.false = [values] * cycles
@@ -139,6 +147,9 @@ class FriRig(FriFaults, Rig):
         torque = np.array(said.joint_torque.value) if said.HasField("joint_torque") else ZERO
         steps = 1 + lost if lost < LOST_STEPS else 1
         return [Applied(self.mode, position, torque, ZERO, ZERO, steps=steps)]
+
+    def truth(self, state):
+        return replace(state, position=self.arm.position.copy(), velocity=self.arm.velocity.copy())
 
     def lose(self, cycles):
         self.arm.losing = cycles
@@ -217,6 +228,8 @@ class CanRig(Rig):
         self.offset = np.array([joint.offset for joint in config.joints])
         self.row, self.unheard, self.delivered = {}, 0, bus.deliver
         self.places = np.array(robot._link._position())  # as heard, without what was false [rad]
+        self.heard = set()  # joints, whatever was false of it
+        self.true = np.array([self.places, np.zeros(7)])  # where joints were as they measured
         self.carried = self.gravity()
         bus.deliver = bus.station._port.send = self.deliver
         self.equip()
@@ -228,21 +241,29 @@ class CanRig(Rig):
         self.carried = self.gravity()
         return told
 
+    def truth(self, state):
+        position, velocity = self.true.copy()
+        heard, self.heard = self.heard, set()
+        return replace(state, position=position, velocity=velocity, stale=len(heard) < len(NODES))
+
     def lose(self, cycles):
         """Drives that are not heard for some cycles."""
         self.unheard = 7 * cycles
 
     def deliver(self, frame_id, data, **kind):
         """Pass on what drives say, unless it is to be lost."""
-        if self.unheard and self.measures(frame_id):
-            self.unheard -= 1
-            return
+        if self.measures(frame_id):
+            port = self.bus.station.arm.joints[self.joint(frame_id)]
+            self.true[:, self.joint(frame_id)] = port.measured_position, port.measured_velocity
+            if self.unheard:
+                self.unheard -= 1
+                return
         frames = [(frame_id, data)]
         for change in self.filters:
             frames = [item for frame in frames for item in change(*frame)]
         if frames and self.measures(frame_id):
-            j, place = self.measured(frame_id, data)
-            self.places[j] = place
+            self.heard.add(self.joint(frame_id))
+            self.places[self.joint(frame_id)] = self.measured(frame_id, data)
         for frame in frames:
             self.delivered(*frame, **kind)
 
@@ -258,10 +279,13 @@ class Cia402Rig(Cia402Faults, CanRig):
     def measures(self, frame_id):
         return 0x180 < frame_id <= 0x1FF
 
+    def joint(self, frame_id):
+        return NODES.index(frame_id - 0x180)
+
     def measured(self, frame_id, data):
-        """Return the index of a joint, and where it is [rad]."""
-        j, count = NODES.index(frame_id - 0x180), struct.unpack("<Hih", data)[1]
-        return j, self.sign[j] * count * math.tau / 524288 + self.offset[j]
+        """Return where a joint is [rad]."""
+        j, count = self.joint(frame_id), struct.unpack("<Hih", data)[1]
+        return self.sign[j] * count * math.tau / 524288 + self.offset[j]
 
     def decoded(self, sent):
         told = []
@@ -304,12 +328,15 @@ class DamiaoRig(DamiaoFaults, CanRig):
     def measures(self, frame_id):
         return 0x11 <= frame_id <= 0x17
 
+    def joint(self, frame_id):
+        return frame_id - 0x11
+
     def measured(self, frame_id, data):
-        """Return the index of a joint, and where it is [rad]."""
-        j = frame_id - 0x11
+        """Return where a joint is [rad]."""
+        j = self.joint(frame_id)
         most = self.robot._link._motors[j].ranges.position
         place = int.from_bytes(data[1:3], "big") / 65535 * 2 * most - most
-        return j, self.sign[j] * (place - self.offset[j])
+        return self.sign[j] * (place - self.offset[j])
 
     def decoded(self, sent):
         told = []
@@ -359,7 +386,7 @@ def damiao():
         for k in range(1, 8)
     )
     config = arm_config(
-        rate=250.0, watchdog=0.1, hold_after=50, temperature=None, joints=joints,
+        rate=400.0, watchdog=0.1, hold_after=50, temperature=None, joints=joints,
         convention="damiao",
     )  # fmt: skip
     bus = DrivesBus(config, START)
