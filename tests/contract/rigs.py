@@ -47,7 +47,7 @@ class Rig:
         raise NotImplementedError
 
     def truth(self, state):
-        """Return a state that was measured now as it would be if nothing had been false."""
+        """Return a state that was measured now as it would be if no reply had been false."""
         return state
 
     def lose(self, cycles):
@@ -71,11 +71,10 @@ class SimulatedRig(Rig):
     def __init__(self, robot):
         super().__init__(robot)
         self.applied, self.false, self.ahead = tapped(robot), [], 0.0
-        self.true = None  # what was measured last, before it was made false
         cycle = robot._cycle_once
 
         def disturbed():
-            self.true = state = cycle()
+            state = cycle()
             values = self.false.pop() if self.false else {}
             state = replace(state, time=state.time + self.ahead)
             if "position" in values:
@@ -87,9 +86,6 @@ class SimulatedRig(Rig):
     def told(self):
         told, self.applied[:] = list(self.applied), []
         return told
-
-    def truth(self, state):
-        return replace(state, position=self.true.position, velocity=self.true.velocity)
 
     def spoil(self, cycles, **values):
         self.false = [values] * cycles
