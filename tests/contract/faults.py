@@ -386,8 +386,7 @@ class DamiaoFaults(CanFaults):
     def moved(self, data, away):
         code = int.from_bytes(data[1:3], "big") + round(away / 25.0 * 65535)
         speed = int.from_bytes(data[3:5], "big") ^ (self.other_speed << 4)
-        place = min(max(code, 0), 65535).to_bytes(2, "big")
-        return data[:1] + place + speed.to_bytes(2, "big") + data[5:]
+        return data[:1] + (min(max(code, 0), 65535) << 16 | speed).to_bytes(4, "big") + data[5:]
 
     def in_status(self, data, status):
         return bytes([data[0] & 0x0F | status << 4]) + data[1:]

@@ -302,9 +302,8 @@ class Cia402Rig(Cia402Faults, CanRig):
         if self.row.get("mode", 8) != 10:
             return Applied(POSITION, position, ZERO, ZERO, ZERO, stopped=stopped)
         per_mille = np.array([self.row[node, "torque"] for node in NODES])
-        torque = self.sign * per_mille * 0.1
         carried = self.carried
-        torque = torque - carried
+        torque = self.sign * per_mille * 0.1 - carried
         return Applied(TORQUE, position, torque, ZERO, ZERO, carried=carried, stopped=stopped)
 
 
@@ -340,13 +339,7 @@ class DamiaoRig(DamiaoFaults, CanRig):
             if not 1 <= frame_id <= 7 or data[:7] == b"\xff" * 7:
                 continue
             word = int.from_bytes(data, "big")
-            codes = (
-                word >> 48,
-                word >> 36 & 0xFFF,
-                word >> 24 & 0xFFF,
-                word >> 12 & 0xFFF,
-                word & 0xFFF,
-            )
+            codes = (word >> 48, *(word >> k & 0xFFF for k in (36, 24, 12, 0)))
             self.row[frame_id] = codes
             if frame_id == 7:
                 told.append(self.applied())
@@ -359,9 +352,8 @@ class DamiaoRig(DamiaoFaults, CanRig):
         p, v, t = np.array(most).T
         position = self.sign * (codes[0] / 65535 * 2 * p - p - self.offset)
         velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
-        torque = self.sign * (codes[4] / 4095 * 2 * t - t)
+        torque = self.sign * (codes[4] / 4095 * 2 * t - t) - self.carried
         stiffness, damping = codes[2] / 4095 * 500, codes[3] / 4095 * 5
-        torque = torque - self.carried
         return Applied(IMPEDANCE, position, torque, stiffness, damping, velocity, self.carried)
 
 
