@@ -224,8 +224,7 @@ class CanRig(Rig):
         self.offset = np.array([joint.offset for joint in config.joints])
         self.row, self.unheard, self.delivered = {}, 0, bus.deliver
         self.places = np.array(robot._link._position())  # as heard, without what was false [rad]
-        self.heard = set()  # joints, whatever was false of it
-        self.true = np.array([self.places, np.zeros(7)])  # where joints were as they measured
+        self.heard, self.true = set(), np.array([self.places, np.zeros(7)])  # as it really is
         self.carried = self.gravity()
         bus.deliver = bus.station._port.send = self.deliver
         self.equip()
@@ -238,9 +237,9 @@ class CanRig(Rig):
         return told
 
     def truth(self, state):
-        position, velocity = self.true.copy()
-        heard, self.heard = self.heard, set()
-        return replace(state, position=position, velocity=velocity, stale=len(heard) < len(NODES))
+        (position, velocity), stale = self.true.copy(), len(self.heard) < len(NODES)
+        self.heard.clear()
+        return replace(state, position=position, velocity=velocity, stale=stale)
 
     def lose(self, cycles):
         """Drives that are not heard for some cycles."""
@@ -249,8 +248,9 @@ class CanRig(Rig):
     def deliver(self, frame_id, data, **kind):
         """Pass on what drives say, unless it is to be lost."""
         if self.measures(frame_id):
-            port = self.bus.station.arm.joints[self.joint(frame_id)]
-            self.true[:, self.joint(frame_id)] = port.measured_position, port.measured_velocity
+            j = self.joint(frame_id)
+            port = self.bus.station.arm.joints[j]
+            self.true[:, j] = port.measured_position, port.measured_velocity
             if self.unheard:
                 self.unheard -= 1
                 return
