@@ -243,7 +243,7 @@ class CanRig(Rig):
 
     def lose(self, cycles):
         """Drives that are not heard for some cycles."""
-        self.unheard = 7 * cycles
+        self.unheard = len(NODES) * cycles
 
     def deliver(self, frame_id, data, **kind):
         """Pass on what drives say, unless it is to be lost."""
@@ -347,9 +347,7 @@ class DamiaoRig(DamiaoFaults, CanRig):
 
     def applied(self):
         codes = np.array([self.row[node] for node in range(1, 8)], dtype=float).T
-        most = [(m.ranges.position, m.ranges.velocity, m.ranges.torque) for m in
-                self.robot._link._motors]  # fmt: skip
-        p, v, t = np.array(most).T
+        p, v, t = np.array([motor.ranges for motor in self.robot._link._motors]).T
         position = self.sign * (codes[0] / 65535 * 2 * p - p - self.offset)
         velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
         torque = self.sign * (codes[4] / 4095 * 2 * t - t) - self.carried
