@@ -347,7 +347,8 @@ class DamiaoRig(DamiaoFaults, CanRig):
 
     def applied(self):
         codes = np.array([self.row[node] for node in range(1, 8)], dtype=float).T
-        p, v, t = np.array([motor.ranges for motor in self.robot._link._motors]).T
+        most = [motor.ranges for motor in self.robot._link._motors]
+        p, v, t = np.array([(each.position, each.velocity, each.torque) for each in most]).T
         position = self.sign * (codes[0] / 65535 * 2 * p - p - self.offset)
         velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
         torque = self.sign * (codes[4] / 4095 * 2 * t - t) - self.carried
