@@ -338,6 +338,7 @@ class DiagnosisContext:
     longest: float  # [s] of one recording
     gravity: FloatArray  # (3,) [m/s²], as the simulation says
     effects: tuple[Effect, ...]  # that are known already
+    inertia: FloatArray  # (n,) [kg m²], usual, of each joint alone
 
     @property
     def n(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -35,6 +36,8 @@ _UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 _UNIT_CUBIC = 1e-9  # [rad/(N m)³]
 _STIFF = 1e8  # [N m/rad]
 WINDS_UP, _SWINGS = 0.7, 2.0  # of the bandwidth
+SWINGS = (1.5, 1.8, 2.2, 2.6, 3.1, 3.8, 4.5, 5.4, 6.5, 7.8, 9.4)  # [Hz], of usual inertias
+_DAMPED, _DAMPINGS = 5e-3, (2e-4, 0.05)  # [s], damping over stiffness
 _HARDEST = 0.05  # of its compliance at rest, that is left of a spring that hardens
 _TOGETHER = 1e-6  # between exponents that are taken as one
 _SEEN_OF_A_PERIOD = 0.5  # of the longest line that a torque sensor may have
@@ -113,8 +116,8 @@ class JointElasticity(MotionEffect):
         return replace(self, stiffness=stiffness, damping=damping)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield a gear of one stiffness at any load."""
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
+        """Yield a gear of one stiffness at any load; and links that swing at several rates."""
         soft = cls(joint=joint, stiffness=1.0 / _UNIT_COMPLIANCE)
         yield Hypothesis(
             soft.name,
@@ -123,6 +126,33 @@ class JointElasticity(MotionEffect):
             lambda c: (replace(soft, stiffness=_stiffness(float(c[0]))),),
             positive=True,
             law="a linear one",
+        )
+        for rate in SWINGS:
+            stiffness = float(recorded.inertia[joint - 1]) * (2 * np.pi * rate) ** 2
+            yield cls.of_swing(joint, stiffness, _DAMPED)
+
+    @classmethod
+    def of_swing(cls, joint: int, stiffness: float, time: float) -> Hypothesis:
+        """Return a link on its spring [N m/rad], of a damping that is a time [s] times that."""
+        unit = cls(joint=joint, stiffness=stiffness, damping=time * stiffness)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            own = stiffness / max(float(c[0]), stiffness / _STIFF)
+            return (replace(unit, stiffness=own, damping=time * own),)
+
+        return Hypothesis(
+            cls.name,
+            (joint - 1,),
+            (unit,),
+            realise,
+            positive=True,
+            settings=(stiffness, time),
+            family=partial(cls.of_swing, joint),
+            bounds=((0.5 * stiffness, min(2.0 * stiffness, _STIFF)), _DAMPINGS),
+            sized=True,
+            most=2.0,  # beyond, another of the grid is nearer
+            seldom=True,
+            law="that of a link that swings on its spring",
         )
 
     @classmethod
