@@ -295,7 +295,7 @@ class MotionEffect(JointEffect):
 
     @property
     def agility(self) -> float:
-        """How fast the link moves beside its encoder, in bandwidths; 0 of what stays in place."""
+        """How fast the link moves against its encoder, in bandwidths; 0 of what stays in place."""
         return 0.0
 
     @property

@@ -141,8 +141,6 @@ class SWINGS:
 
     rows: int = setting(40, "rows", "of a block, in which a frequency is about constant",
         "more average over poses; fewer take noise for a swing")
-    slow: int = setting(3, "", "order of what is slow in a block, and no swing",
-        "higher takes low frequencies for slow; lower slow waves for swings")
     blocks: int = setting(8, "", "of a joint that moves, at least",
         "more judge no short recording; fewer judge by chance")
     predicted: float = setting(1.6, "times what is left",

@@ -36,7 +36,7 @@ _UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 _UNIT_CUBIC = 1e-9  # [rad/(N m)³]
 _STIFF = 1e8  # [N m/rad]
 WINDS_UP, _SWINGS = 0.7, 2.0  # of the bandwidth
-SWINGS = (1.5, 1.8, 2.2, 2.6, 3.1, 3.8, 4.5, 5.4, 6.5, 7.8, 9.4)  # [Hz], of usual inertias
+_RATES = (1.5, 1.8, 2.2, 2.6, 3.1, 3.8, 4.5, 5.4, 6.5, 7.8, 9.4)  # [Hz], of usual inertias
 _DAMPED, _DAMPINGS = 5e-3, (2e-4, 0.05)  # [s], damping over stiffness
 _HARDEST = 0.05  # of its compliance at rest, that is left of a spring that hardens
 _TOGETHER = 1e-6  # between exponents that are taken as one
@@ -97,10 +97,10 @@ class JointElasticity(MotionEffect):
         """Return encoder minus link position [rad], (T,)."""
         if self.damping is None or motion.inertia is None:
             return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
-        after, law = state.copy(), (1.0 / self.stiffness, self.cubic, self.damping)
-        load, inertia = map(np.ascontiguousarray, (motion.load, motion.inertia))
-        held = load[0] if motion.held is None else motion.held
-        return _swing(after, motion.time, load, inertia, held, *law), after
+        after, spring = state.copy(), (1.0 / self.stiffness, self.cubic, self.damping)
+        held = float(motion.load[0] if motion.held is None else motion.held)
+        samples = np.stack([motion.time, motion.load, motion.inertia])
+        return _swing(after, samples, held, spring), after
 
     def realise(self, robot: SimulatedPlant) -> None:
         """Ask for a compliance."""
@@ -127,7 +127,7 @@ class JointElasticity(MotionEffect):
             positive=True,
             law="a linear one",
         )
-        for rate in SWINGS:
+        for rate in _RATES:
             stiffness = float(recorded.inertia[joint - 1]) * (2 * np.pi * rate) ** 2
             yield cls.of_swing(joint, stiffness, _DAMPED)
 
@@ -181,16 +181,9 @@ def wind_up(
     return load * (compliance + cubic * load * load)
 
 
-@compiled(reads=("time", "load", "inertia"), nogil=True)
+@compiled(nogil=True)
 def _swing(
-    state: FloatArray,
-    time: FloatArray,
-    load: FloatArray,
-    inertia: FloatArray,
-    held: float,
-    compliance: float,
-    cubic: float,
-    damping: float,
+    state: FloatArray, samples: FloatArray, held: float, spring: tuple[float, float, float]
 ) -> FloatArray:
     """Advance (wind-up, torque of the spring, momentum; last load, inertia and time) in place.
 
@@ -200,6 +193,8 @@ def _swing(
     Returns:
         Wind-up, (T,) [rad].
     """
+    time, load, inertia = samples
+    compliance, cubic, damping = spring
     x, s, p, last, had, then = state
     out = np.empty(time.size)
     for t in range(time.size):

@@ -137,7 +137,7 @@ def swings(
     with the inertia of the pose. What is slow in a block is taken out.
     """
     size, order, found = SWINGS.rows, NOISE.order, np.zeros(use.shape[1], dtype=bool)
-    polynomials = np.vander(np.linspace(-1.0, 1.0, size), SWINGS.slow + 1)
+    polynomials = np.vander(np.linspace(-1.0, 1.0, size), order + 1)
     slow = np.linalg.qr(polynomials)[0]
     for j, rows in enumerate(use.T):
         ends = np.flatnonzero(np.diff(np.where(rows, segment, -1), prepend=-1, append=-1))
