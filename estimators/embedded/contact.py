@@ -166,10 +166,8 @@ def measured_contact(
         peaks = [_sorted_peaks(part, stream) for part in parts_of]
         speeds[j] = [found.size > _FEWEST for found in peaks[:2]]
         alone = [found.size > 4 * _FEWEST for found in peaks[:2]]
-        judged = (
-            *alone,
-            not all(alone) and peaks[2].size > _FEWEST,
-        )  # what is in passing, with all
+        together = not all(alone) and peaks[2].size > _FEWEST  # what is in passing, with all
+        judged = (*alone, together)
         tails = [_tail(peaks[k], parts_of[k], stream) for k in range(3) if judged[k]]
         known = [(tail.level(wanted), tail) for tail in tails if tail is not None]
         if not known:
