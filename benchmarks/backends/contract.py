@@ -124,7 +124,7 @@ def sessions(
             except Exception as error:  # noqa: BLE001  # a loop that crashes holds no arm
                 kind = "" if isinstance(error, AssertionError) else f"{type(error).__name__}: "
                 broken = f"{kind}{error} (seed {seed}, action {actions})"
-            told = (attacker.fired, attacker.holds, attacker.judge.worst)
+            told = (attacker.fired, attacker.holds, attacker.worst)
         taken = time.process_time() - began
         yield Session(seed, attacker.cycles, taken, broken, *map(json.dumps, told))
         done, seed = done + max(attacker.cycles, 1), seed + 1

@@ -34,6 +34,7 @@ _NEEDS: Final = {  # functions that a function calls, itself among them
     "bouc_wen": ("stepped", "bouc_wen"),
     "preisach": ("preisach",),
     "play": ("inertia", "play"),
+    "swing": ("inertia", "held", "swing"),
     "loose": ("loose",),
     "wound": ("wound",),
     "late": ("interpolated", "late"),
@@ -286,8 +287,15 @@ def _(effect: physics.EncoderOffset) -> LawCode:
 @law.register
 def _(effect: physics.JointElasticity) -> LawCode:
     j = effect.joint - 1
-    slope = f"({number(1.0 / effect.stiffness)} + {number(effect.cubic)} * load[{j}] * load[{j}])"
-    return LawCode(f"displacement[{j}] += load[{j}] * {slope}")
+    linear, cubic = number(1.0 / effect.stiffness), number(effect.cubic)
+    if effect.damping is None:
+        slope = f"({linear} + {cubic} * load[{j}] * load[{j}])"
+        return LawCode(f"displacement[{j}] += load[{j}] * {slope}")
+    body = f"load[{j}], inertia(q, {j}), isnan(m[5]) ? held(q, {j}) : 0.0"
+    text = (
+        f"displacement[{j}] += swing(m, time, {body}, {linear}, {cubic}, {number(effect.damping)})"
+    )
+    return LawCode(text, tuple(effect.initial_state()), "swing")
 
 
 @law.register

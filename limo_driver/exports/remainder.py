@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from limo_driver.exports.xml_edits import ISAAC_LAB, MJCF, USD
-from limo_driver.physics import Armature, Backlash, PreslidingHysteresis, SensorEffect, display_name
+from limo_driver.physics import (
+    Armature,
+    Backlash,
+    JointElasticity,
+    PreslidingHysteresis,
+    SensorEffect,
+    display_name,
+)
 from limo_driver.runtime.parameters import parameters_of
 from limo_driver.types import Motion
 
@@ -89,7 +96,9 @@ def _instead(effect: Effect, instead: Effect | None) -> str:
         return "is not expressible (MJCF has play of joints with an armature, without keyframes)"
     if isinstance(effect, SensorEffect):
         return "is of the sensor, not of the robot"
-    return "is not expressible"
+    is_spring = isinstance(effect, JointElasticity)
+    why = " (a spring between drive and link: `--to c` has it)" if is_spring else ""
+    return "is not expressible" + why
 
 
 def proof_motion(model: RobotModel) -> Motion:

@@ -142,7 +142,7 @@ class EffectGroups:
             for i, item in numbered
             if isinstance(item, PreslidingHysteresis) and item.law == MAXWELL_SLIP
         ]
-        elastic = [item for item in effects if isinstance(item, JointElasticity)]
+        elastic = [e for e in effects if isinstance(e, JointElasticity) and e.damping is None]
         self.sensing = tuple((i, item) for i, item in numbered if isinstance(item, SensorEffect))
         self._frictions = Frictions.of([e for e in effects if _is_plain(e)])
         self._slips = MaxwellSlips([item for _, item in slipping])
@@ -155,11 +155,13 @@ class EffectGroups:
         for item in effects:
             if isinstance(item, TorqueOffset):
                 self._offsets[item.joint - 1] += item.offset
-        together = (BodyEffect, JointElasticity, SensorEffect, TorqueOffset)
+        together = (BodyEffect, SensorEffect, TorqueOffset)
         self.single = tuple(
             (i, item)
             for i, item in numbered
-            if not isinstance(item, together) and not _is_plain(item) and i not in self._slip_places
+            if not isinstance(item, together)
+            and not (_is_plain(item) or item in elastic)
+            and i not in self._slip_places
         )
 
     def write_torques(self, torque: FloatArray, motion: Motion, memories: list[State]) -> None:

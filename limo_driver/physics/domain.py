@@ -40,6 +40,7 @@ class JointMotion:
     load: FloatArray  # nominal rigid-body torque [N m]
     temperature: FloatArray | None = None  # [°C]
     inertia: FloatArray | None = None  # [kg m²], for effects that ask for it
+    held: float | None = None  # load at rest where the motion begins [N m], likewise
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -56,16 +56,13 @@ class ArmMotion:
 
     def of_joint(self, j: int, *, inertia: bool = False) -> JointMotion:
         """Return the motion and load of one joint (0-based), its inertia only if asked for."""
-        motion = self.motion
+        of, model = self.motion, self.model
         return JointMotion(
-            motion.time,
-            motion.position[:, j],
-            motion.velocity[:, j],
-            motion.acceleration[:, j],
-            self.load[:, j],
-            None if motion.temperature is None else motion.temperature[:, j],
-            self.model.inertia_of(motion.position, j)[:, j] if inertia else None,
-        )
+            of.time, of.position[:, j], of.velocity[:, j], of.acceleration[:, j], self.load[:, j],
+            None if of.temperature is None else of.temperature[:, j],
+            model.inertia_of(of.position, j)[:, j] if inertia else None,
+            float(model.gravity_torque(of.position[0])[0, j]) if inertia else None,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -294,8 +291,12 @@ class MotionEffect(JointEffect):
     and future are known, the displacement has its own, within `agility` times the bandwidth.
     """
 
-    agility: ClassVar[float] = 0.0
     needs_inertia: ClassVar[bool] = False
+
+    @property
+    def agility(self) -> float:
+        """How fast the link moves against its encoder, in bandwidths; 0 of what stays in place."""
+        return 0.0
 
     @property
     def displaces(self) -> bool:
@@ -337,6 +338,7 @@ class DiagnosisContext:
     longest: float  # [s] of one recording
     gravity: FloatArray  # (3,) [m/s²], as the simulation says
     effects: tuple[Effect, ...]  # that are known already
+    inertia: FloatArray  # (n,) [kg m²], usual, of each joint alone
 
     @property
     def n(self) -> int:

@@ -27,7 +27,7 @@ from limo_driver.physics.effect import (
     TorqueEffect,
 )
 from limo_driver.physics.effects.sensing import Sensors
-from limo_driver.physics.effects.transmission import JointElasticity
+from limo_driver.physics.effects.transmission import WINDS_UP
 from limo_driver.physics.score import Score
 from limo_driver.physics.simulation_file import SimulationFile, Tolerances, load, save, sections_of
 from limo_driver.recordings.bandwidth import bandwidth_for
@@ -375,7 +375,7 @@ class Simulation(Displayed):
         groups = self._groups
         groups.write_torques(terms.torque, motion, after)
         if groups.is_elastic:
-            terms.displacement[JointElasticity.agility] = groups.wind_up(load)
+            terms.displacement[WINDS_UP] = groups.wind_up(load)
         if groups.single:
             arm = ArmMotion(motion, load, self.body)
             for index, effect in groups.single:

@@ -67,13 +67,18 @@ class GainLimits:
     Args:
         limits: Limits of the joints.
         period: Cycle [s].
+        unseen: By how much a pose that is believed may be false, in position [rad] and velocity
+            [rad/s], (2, n): the torque keeps its rate wherever in there the arm is.
     """
 
-    def __init__(self, limits: JointLimits, period: float) -> None:
+    def __init__(
+        self, limits: JointLimits, period: float, unseen: FloatArray | None = None
+    ) -> None:
         share = period / GAIN_TIME
         most = limits.torque
         stiffer, damper = share * most / FINEST, share * most / SLOWEST
-        self._bounds = np.array([most, limits.torque_rate * period, stiffer, damper])
+        unseen = np.zeros((2, most.size)) if unseen is None else unseen
+        self._bounds = np.array([most, limits.torque_rate * period, stiffer, damper, *unseen])
         self._none = np.zeros(most.size)
 
     def follow(
@@ -190,9 +195,12 @@ def _follow_gains(
         for distance in (e, other[j]):
             before, after = k0 * distance - d0 * v + t0, k * distance - d * v + t
             now, then = min(max(before, -2 * most), 2 * most), min(max(after, -2 * most), 2 * most)
-            if abs(then - now) > step * (1 + _LAST_DIGITS):
-                aim = now + step if then > now else now - step
-                share = min(share, max((aim - before) / (after - before), 0.0))
+            change = abs(k - k0) * bounds[4, j] + abs(d - d0) * bounds[5, j] + abs(then - now)
+            if change > step * (1 + _LAST_DIGITS):
+                part = step / change
+                if then != now:
+                    part = (now + part * (then - now) - before) / (after - before)
+                share = min(share, max(part, 0.0))
                 hit |= TORQUE << 1
         reached[0, j] = k0 + share * (k - k0)
         reached[1, j] = d0 + share * (d - d0)

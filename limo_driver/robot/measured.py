@@ -23,6 +23,15 @@ SHORTEST_STEP = (
 _FINE, _FAR, _UNREADABLE, _JUDGED = 0, 1, 2, 3
 
 
+def farthest_false(limits: JointLimits, period: float) -> FloatArray:
+    """Return by how much a pose that is believed may be false at once, (2, n) [rad], [rad/s].
+
+    That is as far as an arm can have got while its measurements were doubted.
+    """
+    fastest = VELOCITY_TOLERANCE * limits.velocity
+    return np.array([fastest * (CONSISTENT + 1) * period + SLACK, fastest])
+
+
 class Pose(NamedTuple):
     """Where an arm is and how it moves; each array has shape (n,)."""
 

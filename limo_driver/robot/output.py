@@ -15,6 +15,7 @@ import numpy as np
 
 from limo_driver.robot.efforts import EffortLimits, GainLimits
 from limo_driver.robot.jerk import JerkLimits
+from limo_driver.robot.measured import farthest_false
 from limo_driver.robot.setpoints import TORQUE, WRENCH, PositionLimits, names_of
 from limo_driver.types import (
     ImpedanceCommand,
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     # [rad/s], and the last change of that, where jerk has a limit and there was one.
     _Begun: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]
 
+_STIFF = 1e-6  # relative, of a stiffness that was reached
 _NO_WRENCH = np.zeros(6)
 _TAKES_NO_WRENCH = WrenchLimits(wrench=_NO_WRENCH, rate=_NO_WRENCH)
 
@@ -93,7 +95,8 @@ class OutputStage:
         )
         self._torques = EffortLimits(limits.torque, limits.torque_rate, spec.period, TORQUE)
         self._wrenches = EffortLimits(wrench.wrench, wrench.rate, spec.period, WRENCH)
-        self._impedances = GainLimits(limits, spec.period)
+        unseen = None if gains is None else farthest_false(limits, spec.period)
+        self._impedances = GainLimits(limits, spec.period, unseen)
 
     @property
     def carries(self) -> bool:
@@ -109,6 +112,12 @@ class OutputStage:
         """
         zero, gains = self._zero, self._gains or (self._zero, self._zero)
         return Setpoint(PositionCommand, position, zero, zero, *gains, _NO_WRENCH, gravity)
+
+    def rests(self, now: Setpoint) -> bool:
+        """Say whether an arm stands, as stiff as positions are kept, and nothing else is left."""
+        if self._gains is None or not now.rests:
+            return now.rests
+        return bool(np.abs(now.stiffness - self._gains[0]).max() <= _STIFF * self._gains[0].max())
 
     def where(self, last: Setpoint, pose: Pose) -> FloatArray:
         """Return the position from which a position would be led, (n,) [rad]."""

@@ -116,7 +116,7 @@ class SafetyContract:
     def standing(self) -> bool:
         """Whether the set-point is at rest."""
         memory = self._memory
-        return memory.phase is not _ACTIVE and memory.now.rests
+        return memory.phase is not _ACTIVE and self._stage.rests(memory.now)
 
     @property
     def setpoint(self) -> FloatArray:

@@ -26,12 +26,17 @@ class Attacker:
     def __init__(self, rig, seed=0):
         self.rig, self.robot = rig, rig.robot
         self.random = np.random.default_rng(seed)
-        self.judge = Judge(rig.robot.spec, rig.quanta, gains=rig.gains)
+        # One judges by what was measured, the other by where the arm really is.
+        self.judge, self.witness = (
+            Judge(rig.robot.spec, rig.quanta, gains=rig.gains, true=true) for true in (False, True)
+        )
         self.limits, self.n = rig.robot.spec.limits, rig.robot.spec.n
         self.goal = np.zeros(self.n)
         self.state = self.robot.receive()
+        self.truth = rig.truth(self.state)
         if told := [item for item in rig.told() if item is not None]:
             self.judge.judge(told[-1], self.state)
+            self.witness.judge(told[-1], self.truth)
         self.sent = None
         self.failing = False
         self.fired = Counter()  # faults of each kind
@@ -41,6 +46,12 @@ class Attacker:
     def cycles(self):
         """Cycles that were judged."""
         return self.judge.cycles
+
+    @property
+    def worst(self):
+        """The largest step of each limit, by what was measured and where the arm is."""
+        true = {f"true {name}": share for name, share in self.witness.worst.items()}
+        return self.judge.worst | true
 
     def act(self, action, seed):
         """Do something for some cycles."""
@@ -61,18 +72,28 @@ class Attacker:
         self.receive()
 
     def receive(self):
-        before, sent = self.state, self.sent
+        before, true, sent = self.state, self.truth, self.sent
         with suppress(LimoError):
             self.state = self.robot.receive()
+        self.truth = self.rig.truth(self.state)
         told = self.rig.told()
         for item in told:
             if item is None:
-                self.judge.forget()
-            else:
-                self.judge.judge(item, before)
+                self.forget()
+                continue
+            self.judge.judge(item, before, true.position)
+            try:
+                self.witness.judge(item, true)
+            except AssertionError as error:
+                raise AssertionError(f"where the arm is, {error}") from None
         if sent is not None and len(told) == 1 and told[0] is not None and not self.rig.delayed:
             self.compare(sent, told[0])
         assert np.isfinite(self.state.position).all()
+
+    def forget(self):
+        """Begin anew: the robot was under its own command."""
+        self.judge.forget()
+        self.witness.forget()
 
     def compare(self, sent, item):
         """Check that what `send` returned is what the drives had."""
@@ -100,7 +121,11 @@ class Attacker:
         self.failing = True
         cycles, within = self.rig.begin(fault, self.random, rigid)
         began, took = self.rig.now(), None
+        hasty = self.random.random() < 0.3  # a program that resumes whenever the arm holds
         for _ in range(cycles + 2):
+            if hasty and took is not None:
+                with suppress(LimoError):
+                    self.robot.resume()
             self.cycle(stream(20.0))
             if self.state.holding and took is None:
                 took = self.rig.now() - began
@@ -146,8 +171,9 @@ class Attacker:
             self.rest()
             with suppress(LimoError):
                 self.rig.mend()
-            self.judge.forget()
-            self.judge.sure = False  # what a spring has there already is not a step
+            self.forget()
+            for judge in (self.judge, self.witness):
+                judge.sure = False  # what a spring has there already is not a step
         self.cycle()
 
     def rest(self):

@@ -28,7 +28,11 @@ EXAMPLES = {
     ],
     "gravity_direction": [{"gravity": (0.5, 0.0, -9.7)}],
     "joint_coupling": [{"other": 3, "f_v": 2.0, "tau_c": 0.5, "inertia": 0.1, "ratio": -1}],
-    "joint_elasticity": [{"stiffness": 1e4, "cubic": 1e-9}],
+    "joint_elasticity": [
+        {"stiffness": 1e4, "cubic": 1e-9},
+        {"stiffness": 3e3, "damping": 2.0},
+        {"stiffness": 3e3, "cubic": -2e-8, "damping": 900.0},
+    ],
     "load_dependent_friction": [
         {"coefficient": 0.05},
         {"coefficient": 0.05, "variant": "positive"},

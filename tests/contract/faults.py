@@ -274,6 +274,7 @@ class CanFaults:
         return getattr(self, "can_" + fault.replace(" ", "_").replace("-", "_"))(random)
 
     def end(self):
+        self.other_speed = 0
         self.filters.clear()
         self.refusing.clear()
 
@@ -287,7 +288,7 @@ class CanFaults:
         self.plain_send(msg, timeout)
 
     def can_send_fails(self, random):
-        cycles = int(random.integers(1, 10))
+        cycles = int(random.integers(1, 15))
         frames = [int(random.integers(0, 8))] + [0] * (cycles - 1)
         self.refusing = deque(frames)
         lasts = (cycles + 1) * self.robot.spec.period  # and then it takes them
@@ -304,13 +305,14 @@ class CanFaults:
         return cycles, patience if cycles * h > patience + 3 * h else None
 
     def can_false_replies(self, random):
-        cycles, node = int(random.integers(1, 7)), random.choice(NODES)
-        away = random.choice([-1, 1]) * random.choice([0.3, 1.0])
+        cycles, node = int(random.choice([1, 2, 3, 4, 6, 15, 40])), random.choice(NODES)
+        away = random.choice([-1, 1]) * random.choice([0.05, 0.3, 1.0])
+        self.other_speed = int(random.choice([0, 0, 0x40, 0x80]))
         false = self.answers([node])
         self.filters.append(
             lambda k, data: [(k, self.moved(data, away)) if k in false else (k, data)]
         )
-        return cycles, self.believed_after(cycles)
+        return cycles, self.believed_after(cycles) if abs(away) > 0.1 else None
 
     def can_duplicates(self, random):
         cycles, twice = int(random.integers(1, 8)), self.answers([random.choice(NODES)])
@@ -375,6 +377,7 @@ class Cia402Faults(CanFaults):
 
 
 class DamiaoFaults(CanFaults):
+    other_speed = 0  # bits of a velocity that are flipped where a reply is false
     other_statuses = (0x0, 0x8, 0xB, 0xE)
 
     def answers(self, nodes):
@@ -382,7 +385,8 @@ class DamiaoFaults(CanFaults):
 
     def moved(self, data, away):
         code = int.from_bytes(data[1:3], "big") + round(away / 25.0 * 65535)
-        return data[:1] + min(max(code, 0), 65535).to_bytes(2, "big") + data[3:]
+        speed = int.from_bytes(data[3:5], "big") ^ (self.other_speed << 4)
+        return data[:1] + (min(max(code, 0), 65535) << 16 | speed).to_bytes(4, "big") + data[5:]
 
     def in_status(self, data, status):
         return bytes([data[0] & 0x0F | status << 4]) + data[1:]

@@ -46,6 +46,10 @@ class Rig:
         """Return what was applied since the last call; None where nobody was commanded."""
         raise NotImplementedError
 
+    def truth(self, state):
+        """Return a state that was measured now as it would be if no reply had been false."""
+        return state
+
     def lose(self, cycles):
         """Lose measurements."""
         self.robot.lose_measurements(cycles)
@@ -140,6 +144,9 @@ class FriRig(FriFaults, Rig):
         steps = 1 + lost if lost < LOST_STEPS else 1
         return [Applied(self.mode, position, torque, ZERO, ZERO, steps=steps)]
 
+    def truth(self, state):
+        return replace(state, position=self.arm.position.copy(), velocity=self.arm.velocity.copy())
+
     def lose(self, cycles):
         self.arm.losing = cycles
 
@@ -217,6 +224,7 @@ class CanRig(Rig):
         self.offset = np.array([joint.offset for joint in config.joints])
         self.row, self.unheard, self.delivered = {}, 0, bus.deliver
         self.places = np.array(robot._link._position())  # as heard, without what was false [rad]
+        self.heard, self.true = set(), np.array([self.places, np.zeros(7)])  # as it really is
         self.carried = self.gravity()
         bus.deliver = bus.station._port.send = self.deliver
         self.equip()
@@ -228,21 +236,30 @@ class CanRig(Rig):
         self.carried = self.gravity()
         return told
 
+    def truth(self, state):
+        (position, velocity), stale = self.true.copy(), len(self.heard) < len(NODES)
+        self.heard.clear()
+        return replace(state, position=position, velocity=velocity, stale=stale)
+
     def lose(self, cycles):
         """Drives that are not heard for some cycles."""
-        self.unheard = 7 * cycles
+        self.unheard = len(NODES) * cycles
 
     def deliver(self, frame_id, data, **kind):
         """Pass on what drives say, unless it is to be lost."""
-        if self.unheard and self.measures(frame_id):
-            self.unheard -= 1
-            return
+        if self.measures(frame_id):
+            j = self.joint(frame_id)
+            port = self.bus.station.arm.joints[j]
+            self.true[:, j] = port.measured_position, port.measured_velocity
+            if self.unheard:
+                self.unheard -= 1
+                return
         frames = [(frame_id, data)]
         for change in self.filters:
             frames = [item for frame in frames for item in change(*frame)]
         if frames and self.measures(frame_id):
-            j, place = self.measured(frame_id, data)
-            self.places[j] = place
+            self.heard.add(self.joint(frame_id))
+            self.places[self.joint(frame_id)] = self.measured(frame_id, data)
         for frame in frames:
             self.delivered(*frame, **kind)
 
@@ -258,10 +275,13 @@ class Cia402Rig(Cia402Faults, CanRig):
     def measures(self, frame_id):
         return 0x180 < frame_id <= 0x1FF
 
+    def joint(self, frame_id):
+        return NODES.index(frame_id - 0x180)
+
     def measured(self, frame_id, data):
-        """Return the index of a joint, and where it is [rad]."""
-        j, count = NODES.index(frame_id - 0x180), struct.unpack("<Hih", data)[1]
-        return j, self.sign[j] * count * math.tau / 524288 + self.offset[j]
+        """Return where a joint is [rad]."""
+        j, count = self.joint(frame_id), struct.unpack("<Hih", data)[1]
+        return self.sign[j] * count * math.tau / 524288 + self.offset[j]
 
     def decoded(self, sent):
         told = []
@@ -282,9 +302,8 @@ class Cia402Rig(Cia402Faults, CanRig):
         if self.row.get("mode", 8) != 10:
             return Applied(POSITION, position, ZERO, ZERO, ZERO, stopped=stopped)
         per_mille = np.array([self.row[node, "torque"] for node in NODES])
-        torque = self.sign * per_mille * 0.1
         carried = self.carried
-        torque = torque - carried
+        torque = self.sign * per_mille * 0.1 - carried
         return Applied(TORQUE, position, torque, ZERO, ZERO, carried=carried, stopped=stopped)
 
 
@@ -304,12 +323,15 @@ class DamiaoRig(DamiaoFaults, CanRig):
     def measures(self, frame_id):
         return 0x11 <= frame_id <= 0x17
 
+    def joint(self, frame_id):
+        return frame_id - 0x11
+
     def measured(self, frame_id, data):
-        """Return the index of a joint, and where it is [rad]."""
-        j = frame_id - 0x11
+        """Return where a joint is [rad]."""
+        j = self.joint(frame_id)
         most = self.robot._link._motors[j].ranges.position
         place = int.from_bytes(data[1:3], "big") / 65535 * 2 * most - most
-        return j, self.sign[j] * (place - self.offset[j])
+        return self.sign[j] * (place - self.offset[j])
 
     def decoded(self, sent):
         told = []
@@ -317,13 +339,7 @@ class DamiaoRig(DamiaoFaults, CanRig):
             if not 1 <= frame_id <= 7 or data[:7] == b"\xff" * 7:
                 continue
             word = int.from_bytes(data, "big")
-            codes = (
-                word >> 48,
-                word >> 36 & 0xFFF,
-                word >> 24 & 0xFFF,
-                word >> 12 & 0xFFF,
-                word & 0xFFF,
-            )
+            codes = (word >> 48, *(word >> k & 0xFFF for k in (36, 24, 12, 0)))
             self.row[frame_id] = codes
             if frame_id == 7:
                 told.append(self.applied())
@@ -331,14 +347,12 @@ class DamiaoRig(DamiaoFaults, CanRig):
 
     def applied(self):
         codes = np.array([self.row[node] for node in range(1, 8)], dtype=float).T
-        most = [(m.ranges.position, m.ranges.velocity, m.ranges.torque) for m in
-                self.robot._link._motors]  # fmt: skip
-        p, v, t = np.array(most).T
+        most = [motor.ranges for motor in self.robot._link._motors]
+        p, v, t = np.array([(each.position, each.velocity, each.torque) for each in most]).T
         position = self.sign * (codes[0] / 65535 * 2 * p - p - self.offset)
         velocity = self.sign * (codes[1] / 4095 * 2 * v - v)
-        torque = self.sign * (codes[4] / 4095 * 2 * t - t)
+        torque = self.sign * (codes[4] / 4095 * 2 * t - t) - self.carried
         stiffness, damping = codes[2] / 4095 * 500, codes[3] / 4095 * 5
-        torque = torque - self.carried
         return Applied(IMPEDANCE, position, torque, stiffness, damping, velocity, self.carried)
 
 
@@ -359,7 +373,7 @@ def damiao():
         for k in range(1, 8)
     )
     config = arm_config(
-        rate=250.0, watchdog=0.1, hold_after=50, temperature=None, joints=joints,
+        rate=400.0, watchdog=0.1, hold_after=50, temperature=None, joints=joints,
         convention="damiao",
     )  # fmt: skip
     bus = DrivesBus(config, START)

@@ -4,12 +4,16 @@ Nothing here comes from the code that limits commands; limits, wire and measurem
 """
 
 from dataclasses import dataclass
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
 POSITION, IMPEDANCE, TORQUE = "position", "impedance", "torque"
 ROUNDING = 1e-5  # relative
+# A false pose that an arm can have got to may be believed: it is so many cycles' way off, at the
+# velocity limit, and a distance [rad].
+BELIEVED, DISTANCE = 5, 0.05
 
 
 @dataclass(frozen=True)
@@ -54,13 +58,16 @@ class Judge:
         gains: Stiffness and damping by which drives keep positions, where they do all by one law.
             Then a wire does not say when a spring begins anew where the arm is, or whether gravity
             counts with a torque: what is right one way or the other is right, cycle after cycle.
+        true: Whether states are where the arm is, whatever was measured. Set-points that begin
+            anew are as far from it as a false pose may be that an arm can have got to; what they
+            accelerate from there is judged by what was measured.
 
     Of commands that are lost on their way, nobody knows whether they count: the next one may be as
     many steps on as there were cycles, or one from the last that arrived.
     """
 
-    def __init__(self, spec, quanta=None, *, gains=None):
-        self.gains = gains
+    def __init__(self, spec, quanta=None, *, gains=None, true=False):
+        self.gains, self.true = gains, true
         self.limits, self.period, self.jerk = spec.limits, spec.period, spec.jerk
         self.quanta = quanta or Quanta()
         self.step = spec.limits.torque_rate * spec.period  # [N m]
@@ -76,8 +83,11 @@ class Judge:
         self.before, self.paths = None, [[]]
         self.fade = self.fade * 0.0
 
-    def judge(self, now, state):
-        """Check what is applied after a state was measured."""
+    def judge(self, now, state, true=None):
+        """Check what is applied after a state was measured.
+
+        Set-points that begin anew may do so where the arm is, or else where it truly is (n,).
+        """
         self.cycles += 1
         for name in ("position", "torque", "stiffness", "damping"):
             assert np.isfinite(getattr(now, name)).all(), f"{name} is not finite"
@@ -85,14 +95,15 @@ class Judge:
         if self._sprung(now) and state.stale and not self._equal_gains(now):
             self.sure = False
         possible, problems, tried = {}, [], []
+        starts = [state.position] if true is None else [state.position, true]
         for steps in dict.fromkeys((1, now.steps)):
             for anew in self._begins_anew(now):
-                for path in self.paths:
+                for path, start in product(self.paths, starts[: 1 + anew]):
                     self.used = {}
                     tried.append(self.used)
                     try:
                         fade = self._torques(now, state, anew, steps)
-                        longer = self._positions(now, state, path, anew, steps)
+                        longer = self._positions(now, state, path, anew, start, steps)
                     except AssertionError as error:
                         problems.append(str(error))
                         continue
@@ -140,7 +151,7 @@ class Judge:
             for (kept, told), step in zip(near, steps, strict=True)
         )
 
-    def _positions(self, now, state, path, anew, steps):
+    def _positions(self, now, state, path, anew, start, steps):
         """Return the path of set-points with this one; of those before, the last three count."""
         limits, quantum = self.limits, self.quanta.position
         if now.mode == TORQUE:
@@ -152,7 +163,11 @@ class Judge:
             # It gave way: set-points begin where it is, as fast as it moves at most.
             if state.stale:
                 return [here]
-            path = [Place(state.position)]
+            if self.true:
+                away = np.abs(now.position - start)
+                self._within("start", away, BELIEVED * self.period * limits.velocity + DISTANCE)
+                return [here]
+            path = [Place(start)]
         path = [*path[-3:], here]
         velocity = np.abs(here.position - path[-2].position) / (self.period * steps)
         slack = 2 * quantum / self.period

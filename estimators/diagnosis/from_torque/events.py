@@ -197,14 +197,14 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
 
 
 def with_seldom_laws(judged: JudgedSet, progress: Progress) -> JudgedSet:
-    """Return what is found among laws that seldom hold, where one is, and less stays unknown."""
-    if not judged.unknown:
+    """Return what is found among laws that seldom hold, where that leaves less unexplained."""
+    if not judged.unexplained:
         return judged
     problem = having(judged.problem, every(judged.problem.observed, seldom=True))
     again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
     laws = (again.problem.candidates[member].hypothesis for member in again.named)
     found = any(law is not None and law.seldom for law in laws)
-    return judged.or_better(again) if found and {*again.unknown} < {*judged.unknown} else judged
+    return judged.or_better(again) if found and again.unexplained < judged.unexplained else judged
 
 
 def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:

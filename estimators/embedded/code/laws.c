@@ -142,6 +142,59 @@ static double inertia(const double q[N], int j)
     return torque[j][0] - torque[j][1];
 }
 
+/*: held */
+/* Return the torque that holds a joint at rest [N m]. */
+static double held(const double q[N], int j)
+{
+    const double still_joints[N] = {0.0};
+    double torque[N][POSES];
+    poses at;
+    pose(&at, 0, q, still_joints, still_joints);
+    inverse_dynamics(link, &at, 1, torque);
+    return torque[j][0];
+}
+
+/*: swing */
+/* Memory: wind-up, torque of the spring, momentum; load, inertia and time of the last sample. */
+static double swing(double *memory, double time, double load, double mass, double at_rest,
+                    double compliance, double cubic, double damping)
+{
+    double x = memory[0], s = memory[1];
+    const double h = time - memory[5], m = 0.5 * (memory[4] + mass);
+    if (isnan(h)) {
+        s = at_rest;
+        x = s * (compliance + cubic * s * s);
+        memory[2] = 0.0;
+    } else if (h > 0.0) {
+        const double slope = 1.0 / fmax(compliance + 3.0 * cubic * s * s, 0.05 * compliance);
+        const double rate = (load - memory[3]) / (h * slope);
+        const double rest = (memory[3] - s - damping * rate) / slope;
+        const double decay = 0.5 * damping / m, square = slope / m;
+        const double apart = decay * decay - square, w = sqrt(fabs(apart));
+        double cosine, sine;
+        if (apart < 0.0) {
+            cosine = exp(-decay * h) * cos(w * h);
+            sine = exp(-decay * h) * sin(w * h) / w;
+        } else {
+            const double slow = exp(-square / (decay + w) * h), fast = exp(-(decay + w) * h);
+            cosine = 0.5 * (slow + fast);
+            sine = w * h > 1e-6 ? 0.5 * (slow - fast) / w : h * slow;
+        }
+        const double off = memory[2] / m - rate;
+        const double moved = rest + rate * h - rest * cosine + (off - decay * rest) * sine;
+        memory[2] = m * (rate + off * cosine - (decay * off - square * rest) * sine);
+        x += moved;
+        s += slope * moved;
+        s -= slope * (s * (compliance + cubic * s * s) - x);
+    }
+    memory[0] = x;
+    memory[1] = s;
+    memory[3] = load;
+    memory[4] = mass;
+    memory[5] = time;
+    return x;
+}
+
 /*: play */
 /* Memory: displacement of the link, its speed, last time. */
 static double play(double *memory, double time, double ahead, double slowed, double flank)

@@ -93,7 +93,6 @@ class Backlash(MotionEffect):
             ),
         ),
     )
-    agility: ClassVar[float] = 4.0  # an impact is sharper than the motion
     needs_inertia: ClassVar[bool] = True
     gap: float = parameter("rad", lower=0.0, upper=_WIDEST, adds=True)
     damping: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
@@ -117,6 +116,11 @@ class Backlash(MotionEffect):
             raise ConfigError(f"{self.place}: has a drag, and a damping of a fall, which has none")
         if self.drag is not None and self.v_eps is None:
             object.__setattr__(self, "v_eps", SIGN_WIDTH)
+
+    @property
+    def agility(self) -> float:
+        """That of an impact, which is sharper than the motion."""
+        return 4.0
 
     @property
     def displaces(self) -> bool:

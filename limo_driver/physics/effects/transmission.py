@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
@@ -10,6 +12,7 @@ import numpy as np
 from limo_driver.physics.description import Confusion, Description
 from limo_driver.physics.effect import (
     MOST_INERTIA,
+    MOST_SLOPE,
     MOST_STIFFNESS,
     MOST_TORQUE,
     STATELESS,
@@ -18,6 +21,7 @@ from limo_driver.physics.effect import (
     State,
     TorqueEffect,
 )
+from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.parameters import parameter
 
 if TYPE_CHECKING:
@@ -31,20 +35,29 @@ _LIGHT = 1e-9  # [kg m²]
 _UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 _UNIT_CUBIC = 1e-9  # [rad/(N m)³]
 _STIFF = 1e8  # [N m/rad]
+WINDS_UP, _SWINGS = 0.7, 2.0  # of the bandwidth
+_RATES = (1.5, 1.8, 2.2, 2.6, 3.1, 3.8, 4.5, 5.4, 6.5, 7.8, 9.4)  # [Hz], of usual inertias
+_DAMPED, _DAMPINGS = 5e-3, (2e-4, 0.05)  # [s], damping over stiffness
+_HARDEST = 0.05  # of its compliance at rest, that is left of a spring that hardens
+_TOGETHER = 1e-6  # between exponents that are taken as one
 _SEEN_OF_A_PERIOD = 0.5  # of the longest line that a torque sensor may have
 
 
 @dataclass(frozen=True, kw_only=True)
 class JointElasticity(MotionEffect):
-    """Wind-up of the gear between encoder and link, q_link = q - tau / stiffness - cubic tau³.
+    """Wind-up of the gear between encoder and link, q_link = q - x, x = s / stiffness + cubic s³.
 
-    tau is the nominal rigid-body torque. The deflection is quasi-static: right while it changes
-    slowly against the motion, as in creeping and holding, and not for vibration. Over whole
-    stretches, `Simulation.predict_stretches` lets it move.
+    The torque s of the spring is tau, that of the nominal rigid body: the deflection is
+    quasi-static, right while it changes slowly against the motion, as in creeping and holding.
+
+    With `damping`, the link swings on its spring, inertia ddx = tau - s - damping dx, and begins at
+    rest; of a link of unknown inertia, it stays quasi-static. Over whole stretches,
+    `Simulation.predict_stretches` gives velocity and acceleration of either to the link.
 
     Args:
         stiffness: Stiffness.
         cubic: Cubic compliance.
+        damping: Of the link on its spring.
 
     Source: Spong, "Modeling and control of elastic joint robots", J. Dyn. Sys. 1987.
     """
@@ -66,27 +79,45 @@ class JointElasticity(MotionEffect):
             ),
         ),
     )
-    agility: ClassVar[float] = 0.7  # a spring never winds up faster than its load changes
+    needs_inertia: ClassVar[bool] = True
     stiffness: float = parameter("N m/rad", lower=1e-3, upper=MOST_STIFFNESS, inverse=True)
     cubic: float = parameter("rad/(N m)^3", lower=-1e-3, upper=1e-3, default=0.0)
+    damping: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
+
+    @property
+    def agility(self) -> float:
+        """The least in which a link can swing, or a spring winds up as its load changes."""
+        return WINDS_UP if self.damping is None else _SWINGS
+
+    def initial_state(self) -> State:
+        """Return wind-up, torque, momentum, load, inertia, and no time, of a link that swings."""
+        return STATELESS if self.damping is None else np.array([0.0, 0.0, 0.0, 0.0, 0.0, np.nan])
 
     def advance(self, state: State, motion: JointMotion) -> tuple[FloatArray, State]:
         """Return encoder minus link position [rad], (T,)."""
-        return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
+        if self.damping is None or motion.inertia is None:
+            return wind_up(motion.load, 1.0 / self.stiffness, self.cubic), state
+        after, spring = state.copy(), (1.0 / self.stiffness, self.cubic, self.damping)
+        held = float(motion.load[0] if motion.held is None else motion.held)
+        samples = np.stack([motion.time, motion.load, motion.inertia])
+        return _swing(after, samples, held, spring), after
 
     def realise(self, robot: SimulatedPlant) -> None:
         """Ask for a compliance."""
         robot.add_compliance(self.joint, 1.0 / self.stiffness, self.cubic)
 
     def with_more(self, more: Effect) -> Effect | None:
-        """Return one gear for two that wind up behind each other."""
+        """Return one gear for two that wind up behind each other, of the longer time of damping."""
         if not isinstance(more, JointElasticity) or more.joint != self.joint:
             return None
-        return replace(self, stiffness=1.0 / (1.0 / self.stiffness + 1.0 / more.stiffness))
+        stiffness = 1.0 / (1.0 / self.stiffness + 1.0 / more.stiffness)
+        times = [e.damping / e.stiffness for e in (self, more) if e.damping is not None]
+        damping = stiffness * max(times) if times else None
+        return replace(self, stiffness=stiffness, damping=damping)
 
     @classmethod
-    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:  # noqa: ARG003
-        """Yield a gear of one stiffness at any load."""
+    def at_joint(cls, joint: int, recorded: DiagnosisContext) -> Iterator[Hypothesis]:
+        """Yield a gear of one stiffness at any load; and links that swing at several rates."""
         soft = cls(joint=joint, stiffness=1.0 / _UNIT_COMPLIANCE)
         yield Hypothesis(
             soft.name,
@@ -95,6 +126,33 @@ class JointElasticity(MotionEffect):
             lambda c: (replace(soft, stiffness=_stiffness(float(c[0]))),),
             positive=True,
             law="a linear one",
+        )
+        for rate in _RATES:
+            stiffness = float(recorded.inertia[joint - 1]) * (2 * np.pi * rate) ** 2
+            yield cls.of_swing(joint, stiffness, _DAMPED)
+
+    @classmethod
+    def of_swing(cls, joint: int, stiffness: float, time: float) -> Hypothesis:
+        """Return a link on its spring [N m/rad], of a damping that is a time [s] times that."""
+        unit = cls(joint=joint, stiffness=stiffness, damping=time * stiffness)
+
+        def realise(c: FloatArray) -> tuple[Effect, ...]:
+            own = stiffness / max(float(c[0]), stiffness / _STIFF)
+            return (replace(unit, stiffness=own, damping=time * own),)
+
+        return Hypothesis(
+            cls.name,
+            (joint - 1,),
+            (unit,),
+            realise,
+            positive=True,
+            settings=(stiffness, time),
+            family=partial(cls.of_swing, joint),
+            bounds=((0.5 * stiffness, min(2.0 * stiffness, _STIFF)), _DAMPINGS),
+            sized=True,
+            most=2.0,  # beyond, another of the grid is nearer
+            seldom=True,
+            law="that of a link that swings on its spring",
         )
 
     @classmethod
@@ -121,6 +179,53 @@ def wind_up(
 ) -> FloatArray:
     """Return compliance load + cubic load³ [rad], the equation of `JointElasticity`."""
     return load * (compliance + cubic * load * load)
+
+
+@compiled(nogil=True)
+def _swing(
+    state: FloatArray, samples: FloatArray, held: float, spring: tuple[float, float, float]
+) -> FloatArray:
+    """Advance (wind-up, torque of the spring, momentum; last load, inertia and time) in place.
+
+    A step is exact for a load that changes evenly in it, the mean inertia, and a spring of the
+    slope at its beginning.
+
+    Returns:
+        Wind-up, (T,) [rad].
+    """
+    time, load, inertia = samples
+    compliance, cubic, damping = spring
+    x, s, p, last, had, then = state
+    out = np.empty(time.size)
+    for t in range(time.size):
+        if np.isnan(then):
+            s, p = held, 0.0
+            x = s * (compliance + cubic * s * s)
+        elif time[t] > then:
+            h, m = time[t] - then, 0.5 * (had + inertia[t])
+            slope = 1.0 / max(compliance + 3.0 * cubic * s * s, _HARDEST * compliance)
+            rate = (load[t] - last) / (h * slope)  # of where it would rest [rad/s]
+            rest = (last - s - damping * rate) / slope  # beyond where it is
+            decay, square = 0.5 * damping / m, slope / m
+            apart = decay * decay - square
+            w = math.sqrt(abs(apart))
+            if apart < 0.0:
+                e = math.exp(-decay * h)
+                cosine, sine = e * math.cos(w * h), e * math.sin(w * h) / w
+            else:
+                slow, fast = math.exp(-square / (decay + w) * h), math.exp(-(decay + w) * h)
+                cosine = 0.5 * (slow + fast)
+                sine = 0.5 * (slow - fast) / w if w * h > _TOGETHER else h * slow
+            off = p / m - rate
+            moved = rest + rate * h - rest * cosine + (off - decay * rest) * sine
+            p = m * (rate + off * cosine - (decay * off - square * rest) * sine)
+            x += moved
+            s += slope * moved
+            s -= slope * (s * (compliance + cubic * s * s) - x)
+        last, had, then = load[t], inertia[t], time[t]
+        out[t] = x
+    state[:] = x, s, p, last, had, then
+    return out
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import gzip
+import math
 import re
 import zlib
 from codecs import getincrementaldecoder
@@ -31,6 +32,8 @@ from limo_driver.runtime.display import shortened
 
 _HEAD = 65536  # bytes that are looked at
 _LINES = 20
+_SELDOM = 50  # rows of which one may have another number of cells
+_FEW = 1000  # such rows that are counted for sure
 _TITLES = 200  # lines among which the rows begin
 _SEPARATORS = (",", ";", "\t", "|", " ")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|nan|inf|-inf", re.IGNORECASE)
@@ -98,6 +101,9 @@ class DelimitedText:
     def __init__(self, path: Path, units: Collection[str] = ()) -> None:
         self._path, self.dialect = path, dialect_of(path, units)
         self._rows, self._cut, self._widest = 0, list[str](), 0
+        # More rows of another length than are left out of as many as there can be.
+        rows = path.stat().st_size // (2 * len(self.dialect.names))
+        self._most = math.inf if is_packed(path) else max(_FEW, rows // _SELDOM)
 
     def kept(self) -> Kept:
         """Return all rows, or stretches of them where they are many.
@@ -177,18 +183,23 @@ class DelimitedText:
         # pyarrow counts no rows where it reads in parallel
         self._widest = max(self._widest, row.actual_columns)
         self._cut.append("" if row.number is None else f" (row {row.number})")
-        return "skip"
+        return "error" if len(self._cut) > self._most else "skip"
 
     def _check_cut(self) -> None:
+        if len(self._cut) > max(1, self._rows // _SELDOM):
+            raise self._ragged()
+
+    def _ragged(self) -> RecordingError:
         expected = len(self.dialect.names)
-        if len(self._cut) > max(1, self._rows // 50):
-            raise RecordingError(
-                f"has {len(self._cut)} rows with another number of cells, expected {expected} as "
-                f"in its first line{_COMMAS if self._widest >= 2 * expected - 1 else ''}",
-                path=self._path,
-            )
+        return RecordingError(
+            f"has {len(self._cut)} rows with another number of cells, expected {expected} as "
+            f"in its first line{_COMMAS if self._widest >= 2 * expected - 1 else ''}",
+            path=self._path,
+        )
 
     def _unreadable(self, error: Exception) -> RecordingError:
+        if len(self._cut) > self._most:
+            return self._ragged()
         reason = str(error).splitlines()[0]
         if reason.startswith("Could not skip initial"):  # the names, which pyarrow is told
             reason = "it ends in its first line"

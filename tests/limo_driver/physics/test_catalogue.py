@@ -34,7 +34,8 @@ SOUGHT_OTHERWISE = {"payload", "external_contact", "picked_up_load"}
 def recorded():
     position = np.linspace([-1.0] * 3, [1.0] * 3, 50)
     warm = np.full((200, 3), 30.0)
-    return DiagnosisContext(position, warm, 0.0, 60.0, 60.0, np.array([0.0, 0.0, -9.81]), ())
+    gravity, inertia = np.array([0.0, 0.0, -9.81]), np.ones(position.shape[1])
+    return DiagnosisContext(position, warm, 0.0, 60.0, 60.0, gravity, (), inertia)
 
 
 def tried(effect, recorded):

@@ -1,7 +1,10 @@
 """What single effects are held to beside the contract: limits and laws known from physics."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import integrate, signal
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
@@ -10,6 +13,7 @@ from limo_driver.physics import (
     CoulombFriction,
     ExternalContact,
     JointCoupling,
+    JointElasticity,
     LoadDependentFriction,
     Payload,
     Simulation,
@@ -19,7 +23,7 @@ from limo_driver.physics import (
     TorqueGain,
     TorqueOffset,
 )
-from limo_driver.physics.effect import JointMotion, SensedTorque
+from limo_driver.physics.effect import STATELESS, JointMotion, SensedTorque
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion
 
@@ -121,6 +125,52 @@ def test_a_damped_fall_nears_the_speed_at_which_its_damping_bears_the_load(rate)
     falling, lag = (time > 0.02) & (time < 0.45), 2.0 / 50.0  # [s] until it has that speed
     fallen = (time - lag * (1.0 - np.exp(-time / lag))) / 50.0
     np.testing.assert_allclose(shift[falling], 0.01 - fallen[falling], atol=3e-4 * 100.0 / rate)
+
+
+@pytest.mark.parametrize("damping", [0.0, 4.0, 200.0])  # none, a little, more than critical
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_a_link_swings_on_its_spring_as_the_equation_of_an_oscillator_says(damping, rate):
+    spring = JointElasticity(joint=1, stiffness=900.0, damping=damping)
+    time = np.arange(0.0, 1.0, 1.0 / rate)
+    load, zero = 30.0 * time, np.zeros_like(time)
+    motion = JointMotion(time, zero, zero, zero, load, inertia=np.full_like(time, 2.0), held=0.0)
+    found, _ = spring.advance(spring.initial_state(), motion)
+    oscillator = signal.lti([1.0], [2.0, damping, 900.0])
+    _, expected, _ = signal.lsim(oscillator, load, time)
+    np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
+def test_a_link_whose_inertia_grows_keeps_its_momentum():
+    spring = JointElasticity(joint=1, stiffness=400.0, damping=0.0)
+    time = np.linspace(0.0, 2.0, 4001)
+    inertia, zero = 1.0 + time, np.zeros_like(time)
+    motion = JointMotion(time, zero, zero, zero, zero, inertia=inertia, held=8.0)
+    found, _ = spring.advance(spring.initial_state(), motion)
+    true = integrate.solve_ivp(
+        lambda t, x: [x[1] / (1.0 + t), -400.0 * x[0]], (0.0, 2.0), [0.02, 0.0],
+        t_eval=time, rtol=1e-10, atol=1e-12,
+    )  # fmt: skip
+    np.testing.assert_allclose(found, true.y[0], atol=2e-6)
+
+
+@pytest.mark.parametrize("cubic", [3e-6, -3e-6])
+def test_a_link_rests_where_a_spring_that_is_bent_carries_its_load(cubic):
+    bent = JointElasticity(joint=1, stiffness=1e3, cubic=cubic, damping=90.0)
+    time, zero = np.linspace(0.0, 3.0, 601), np.zeros(601)
+    load = np.minimum(10.0 * time, 8.0)
+    motion = JointMotion(time, zero, zero, zero, load, inertia=np.full(601, 2.0), held=0.0)
+    found, _ = bent.advance(bent.initial_state(), motion)
+    still, _ = replace(bent, damping=None).advance(STATELESS, motion)
+    assert np.abs(found - still).max() > 1e-4  # it lags
+    np.testing.assert_allclose(found[-1], still[-1], rtol=1e-3)
+
+
+def test_a_link_of_unknown_inertia_winds_up_at_once():
+    time, zero = np.arange(4.0), np.zeros(4)
+    motion = JointMotion(time, zero, zero, zero, np.array([0.0, 5.0, -5.0, 1.0]))
+    swings = JointElasticity(joint=1, stiffness=1e3, damping=3.0)
+    found, _ = swings.advance(swings.initial_state(), motion)
+    np.testing.assert_array_equal(found, motion.load / 1e3)
 
 
 def test_the_drag_of_a_drive_is_gone_from_a_reversal_to_the_end_of_the_gap():

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import signal
 
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.model import RobotModel
@@ -120,6 +121,37 @@ def test_where_the_future_is_known_elastic_joints_wind_with_velocity_and_acceler
     quasi_static = np.abs(elastic.predict(motion) - true)[middle].max()
     assert quasi_static > 0.05  # it matters
     assert np.abs(found - true)[middle].max() < 0.02 * quasi_static
+
+
+def test_a_link_that_swings_behind_its_drive_needs_the_torque_of_its_spring():
+    """The arm turns about its vertical joint as its drive does, in jerks, behind a spring."""
+    k, d, rate, pose = 900.0, 1.2, 500.0, np.array([0.0, 0.9, 0.0, -0.6, 0.0, 0.4, 0.0])
+    body = RobotModel.load("iiwa14")
+    inertia = float(body.inertia_of(pose[None], 0)[0, 0])
+    t = np.arange(0.0, 6.0, 1.0 / rate)
+    low_pass = signal.butter(4, 8.0, fs=rate, output="sos")
+    turned = signal.sosfiltfilt(low_pass, np.clip(0.4 * (t - 0.5), 0.0, 0.6))
+    speed = np.gradient(turned, t)
+    _, followed, _ = signal.lsim(signal.lti([d, k], [inertia, d, k]), turned, t)
+    spring = k * (turned - followed) + d * np.gradient(turned - followed, t)
+    own, arm = (turned, speed, np.gradient(speed, t)), np.zeros((3, t.size, 7))
+    arm[0], arm[:, :, 0] = pose, own
+    drive = Motion(t, *arm)
+    found, wound = (
+        Simulation(
+            "iiwa14", (JointElasticity(joint=1, stiffness=k, damping=damping),)
+        ).predict_stretches(drive, [slice(0, t.size)], 10.0)[:, 0]
+        for damping in (d, None)
+    )
+    size = np.sqrt(np.mean(spring**2))
+    assert np.sqrt(np.mean((found - spring) ** 2)) < 0.02 * size
+    assert np.sqrt(np.mean((wound - spring) ** 2)) > 0.5 * size
+
+
+def test_two_gears_of_which_one_swings_are_one_that_does():
+    soft = JointElasticity(joint=4, stiffness=400.0, damping=2.0)
+    both = JointElasticity(joint=4, stiffness=1200.0).with_more(soft)
+    assert both == JointElasticity(joint=4, stiffness=300.0, damping=1.5)
 
 
 def test_without_elastic_joints_stretches_are_predictions_that_start_relaxed():

@@ -59,6 +59,7 @@ def recorded_in(observed: Observations) -> DiagnosisContext:
     recordings = observed.recordings
     return DiagnosisContext(
         position=observed.slow.position,
+        inertia=np.median(np.diagonal(observed.inertia), axis=0),
         temperature=observed.motion.temperature,
         start=min(float(recording.time[0]) for recording in recordings),
         end=max(float(recording.time[-1]) for recording in recordings),

@@ -26,6 +26,7 @@ from estimators.diagnosis.from_torque.judgement.judgement import (
     worse_at,
 )
 from estimators.diagnosis.from_torque.judgement.ordinary import beyond_siblings, to_identify
+from estimators.diagnosis.from_torque.judgement.surrogate import swings
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.settings import ROUNDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
@@ -73,6 +74,13 @@ class JudgedSet:
     def proven(self) -> FloatArray:
         """Residual (K, n) of a simulation that was fitted to no row held out [N m]."""
         return self.beside.residual
+
+    @cached_property
+    def unexplained(self) -> frozenset[int]:
+        """Joints (0-based) on which something unknown acts, or whose errors swing."""
+        observed = self.problem.observed
+        swinging = swings(self.proven, observed.moving, observed.segment)
+        return frozenset((*self.unknown, *np.flatnonzero(swinging).tolist()))
 
     @property
     def findings(self) -> tuple[int, ...]:

@@ -8,6 +8,7 @@ and speeds of the others, and time.
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,9 +16,9 @@ import numpy as np
 from estimators.diagnosis.from_torque.hypotheses.responses import over_joint
 from estimators.diagnosis.held_out import block_of
 from estimators.diagnosis.quantities import rounded
-from estimators.diagnosis.settings import FEW, MOST, NEARLY_ALL, SOME, TINY
+from estimators.diagnosis.settings import FEW, FINE, MOST, NEARLY_ALL, SOME, TINY
 from estimators.diagnosis.settings.judgement import BLACK_BOX, PUSHES
-from estimators.diagnosis.settings.residuals import HELD_OUT
+from estimators.diagnosis.settings.residuals import HELD_OUT, NOISE, SWINGS
 from estimators.diagnosis.verdict import Where
 from estimators.regression.definite import inverse_root
 from limo_driver.physics import PreslidingHysteresis
@@ -125,6 +126,34 @@ def _hats(observed: Observations) -> FloatArray:
         hats = np.maximum(0.0, 1.0 - np.abs(time[:, None] - knots) / width)
         parts.append(hats * rows[:, None])
     return np.concatenate(parts, axis=1)
+
+
+def swings(
+    residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]
+) -> NDArray[np.bool_]:
+    """Mark the joints (n,) whose errors (K, n) are predicted by those right before, as swings are.
+
+    In short blocks of rows in `use` (K, n), within segments (K,): a swing changes its frequency
+    with the inertia of the pose. What is slow in a block is taken out.
+    """
+    size, order, found = SWINGS.rows, NOISE.order, np.zeros(use.shape[1], dtype=bool)
+    polynomials = np.vander(np.linspace(-1.0, 1.0, size), order + 1)
+    slow = np.linalg.qr(polynomials)[0]
+    for j, rows in enumerate(use.T):
+        ends = np.flatnonzero(np.diff(np.where(rows, segment, -1), prepend=-1, append=-1))
+        starts = [
+            a for i, k in pairwise(ends.tolist()) if rows[i] for a in range(i, k - size + 1, size)
+        ]
+        if len(starts) < SWINGS.blocks:
+            continue
+        blocks = residual[np.array(starts)[:, None] + np.arange(size), j]
+        blocks = blocks - blocks @ slow @ slow.T
+        before = np.stack([blocks[:, order - k : size - k] for k in range(1, order + 1)], axis=2)
+        own, A = blocks[:, order:, None], before.transpose(0, 2, 1)
+        gram = A @ before + FINE * np.mean(blocks**2) * np.eye(order)
+        left = own - before @ np.linalg.solve(gram, A @ own)
+        found[j] = np.sum(own**2) > SWINGS.predicted * np.sum(left**2)
+    return found
 
 
 def where_of(observed: Observations, torque: FloatArray, joint: int) -> Where:

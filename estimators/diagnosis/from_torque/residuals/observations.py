@@ -285,9 +285,11 @@ class Observations:
         if not (isinstance(effect, MotionEffect) and effect.needs_inertia):
             return own
         inertia = np.interp(np.arange(len(self.motion)), self.kept, self.inertia[j, j])
+        starts = self.motion.position[[rows.start for rows in self.segments]]
+        held = self.reference.body.gravity_torque(starts)[:, j].tolist()
         return [
-            replace(motion, inertia=inertia[rows])
-            for motion, rows in zip(own, self.segments, strict=True)
+            replace(motion, inertia=inertia[rows], held=start)
+            for motion, rows, start in zip(own, self.segments, held, strict=True)
         ]
 
     @cached_property

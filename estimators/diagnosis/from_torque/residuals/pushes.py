@@ -462,8 +462,8 @@ def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
 def _grown(errors: FloatArray, inertial: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
     """Return how many times as large as at rest errors (K, n) are, as they grow with inertia.
 
-    By medians over the slower and the faster half of the rows of motion: noise of sensors does not
-    grow, and an error of it during fast motion is as good as any other.
+    By what nearly all stay below in the slower and in the faster half of the rows of motion: noise
+    of sensors does not grow, and an error of it during fast motion is as good as any other.
     """
     result = np.ones_like(errors)
     for j, use in enumerate(moving.T):
@@ -473,7 +473,8 @@ def _grown(errors: FloatArray, inertial: FloatArray, moving: NDArray[np.bool_]) 
         fast = torque > np.median(torque)
         if fast.any():
             (slow_square, slow), (fast_square, large) = (
-                (np.median(squares[half]), np.median(torque[half])) for half in (~fast, fast)
+                (np.quantile(squares[half], NEARLY_ALL), np.median(torque[half]))
+                for half in (~fast, fast)
             )
             growth = max((fast_square - slow_square) / (large - slow), 0.0)
             least = max(slow_square - growth * slow, TINY)

@@ -145,7 +145,8 @@ def test_the_others_are_held_while_a_motor_is_reset(config, bus):
         bus.sent.clear()
         robot.reset_faults()
         stiffness = [command.stiffness for command in commands(bus, 1)]
-        assert stiffness == pytest.approx([500.0] * len(stiffness), abs=0.5)
+        assert (np.diff(stiffness) >= 0.0).all()  # from none, as fast as torques may change
+        assert stiffness[-1] == pytest.approx(500.0, abs=0.5)
 
 
 def test_a_bus_that_was_off_is_used_again_when_told(config, bus):

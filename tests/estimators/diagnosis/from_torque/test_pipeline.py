@@ -24,6 +24,7 @@ from limo_driver.errors import ConfigError, RecordingError
 from limo_driver.physics import (
     Backlash,
     CoulombFriction,
+    JointElasticity,
     Payload,
     PreslidingHysteresis,
     Simulation,
@@ -153,6 +154,20 @@ def test_a_damped_fall_across_a_gap_is_found_where_it_leaves_something_unexplain
     play = found.after.effects[-1]
     assert (play.gap, play.damping) == pytest.approx((hidden.gap, hidden.damping), rel=0.05)
     assert closure(found)[1] < CLOSED
+
+
+@pytest.mark.slow("a whole diagnosis")
+def test_a_link_that_swings_on_its_spring_is_found_where_errors_swing(given):
+    hidden = JointElasticity(joint=1, stiffness=150.0, damping=0.3)
+    true = plus(given, hidden)
+    recording = record(true, 0)
+    observed = Observations.of(true, [recording], 10.0)
+    noise = NOISE / 20 * np.random.default_rng(5).standard_normal((len(recording), 2))
+    found = diagnose(given, [replace(recording, torque=observed.predict(true) + noise)])
+    assert names(found) == {("joint_elasticity", "missing", (1,))}
+    spring = found.after.effects[-1]
+    assert spring.stiffness == pytest.approx(hidden.stiffness, rel=0.03)
+    assert spring.damping == pytest.approx(hidden.damping, rel=0.3)
 
 
 @pytest.mark.slow("two whole diagnoses")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from limo_driver.exports.changes.joints import sharp, split, stand_in
+from limo_driver.exports.remainder import proof_motion, remainders
 from limo_driver.exports.xml_edits import MJCF, URDF
 from limo_driver.physics import (
     Armature,
@@ -175,6 +176,15 @@ def test_what_displaces_a_link_is_left(two_links_urdf):
     soft = JointElasticity(joint=1, stiffness=500.0)
     stribeck = StribeckFriction(joint=1, tau_s=0.2, v_s=0.05)
     assert joint(two_links_urdf, soft, stribeck)[1] == (soft, stribeck)
+
+
+def test_a_link_that_swings_is_left_to_targets_that_have_its_spring(two_links_urdf):
+    swings = JointElasticity(joint=1, stiffness=500.0, damping=0.5)
+    simulation = Simulation(str(two_links_urdf), (swings,))
+    (left,) = remainders(simulation, split(simulation, MJCF), proof_motion(simulation.model))
+    assert str(left).startswith("joint_elasticity, joint 1 is not expressible (a spring")
+    assert "`--to c` has it" in str(left)
+    assert 0.0 < left.rms[0] < 1.0
 
 
 def test_a_sign_is_as_sharp_as_other_simulators_have_it():

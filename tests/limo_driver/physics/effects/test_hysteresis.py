@@ -208,6 +208,7 @@ def recorded(*effects):
         longest=1.0,
         gravity=np.array([0.0, 0.0, -9.81]),
         effects=effects,
+        inertia=np.ones(2),
     )
 
 

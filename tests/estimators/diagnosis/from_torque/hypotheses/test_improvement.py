@@ -115,7 +115,8 @@ def test_a_payload_of_another_mass_is_a_body_of_the_same_shape(rigid, change):
 def enter_skewed(improvement, joint):
     known = (CoulombFriction(joint=joint, tau_c=1.0, v_eps=0.01),)
     nothing = np.zeros((2, 7))
-    recorded = DiagnosisContext(nothing, None, 0.0, 1.0, 1.0, np.array([0.0, 0.0, -9.81]), known)
+    gravity, inertia = np.array([0.0, 0.0, -9.81]), np.ones(nothing.shape[1])
+    recorded = DiagnosisContext(nothing, None, 0.0, 1.0, 1.0, gravity, known, inertia)
     (skewed,) = AsymmetricFriction.at_joint(joint, recorded)
     improvement.enter(skewed, np.array([0.4, -0.3]))
 

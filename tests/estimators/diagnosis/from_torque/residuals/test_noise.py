@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from estimators.diagnosis.from_torque.judgement.surrogate import swings
 from estimators.diagnosis.from_torque.residuals.noise import Noise, roughness
 from estimators.diagnosis.settings.residuals import NOISE
 
@@ -114,3 +115,16 @@ def test_roughness_looks_at_used_rows_only():
     use = np.ones((4000, 1), dtype=bool)
     use[1000:1010] = False
     assert roughness(residual, use)[0] == pytest.approx(0.05, rel=0.05)
+
+
+def test_errors_that_swing_are_told_from_noise_and_from_slow_ones():
+    random, rows = np.random.default_rng(8), 1600
+    swing = lfilter([1.0], [1.0, -1.2, 0.97], random.standard_normal(rows))  # rings
+    slow = np.cumsum(random.standard_normal(rows // 50 + 1)).repeat(50)[:rows]
+    slow = np.convolve(slow, np.hanning(200) / 100, "same")
+    noise = random.standard_normal((rows, 3))
+    errors = noise + np.stack([0.7 * swing, 3.0 * slow, 0.0 * slow], axis=1)
+    use, segment = np.ones((rows, 3), dtype=bool), np.arange(rows) // 400
+    assert swings(errors, use, segment).tolist() == [True, False, False]
+    few = use & (np.arange(rows) < 200)[:, None]
+    assert not swings(errors, few, segment).any()  # too short to say

@@ -94,6 +94,13 @@ def test_a_row_that_is_cut_off_is_left_out_and_told(tmp_path):
     assert "1 row left out: another number of cells than the 15 of the first line" in table.notes[0]
 
 
+def test_rows_that_are_cut_off_are_not_counted_without_end(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text('t,q0,q1\n0,1,2\n"' + "1,2\n" * 300_000, encoding="utf-8")
+    with pytest.raises(RecordingError, match="has 4001 rows with another number of cells"):
+        read_table(path)
+
+
 def test_many_rows_that_are_cut_off_are_refused(tmp_path):
     path = tmp_path / "log.csv"
     path.write_text("t,q0\n" + "0,1\n" * 20 + "0\n" * 5, encoding="utf-8")
