@@ -34,7 +34,7 @@ LOW_ORDERS = ((4.0,), (2.0, 4.0), (1.0, 2.0, 4.0))  # in a revolution, of a torq
 _LIGHT = 1e-9  # [kg m²]
 _UNIT_COMPLIANCE = 1e-5  # [rad/(N m)]
 _UNIT_CUBIC = 1e-9  # [rad/(N m)³]
-_STIFF = 1e8  # [N m/rad]
+_SOFT, _STIFF = 1e-3, 1e8  # [N m/rad]
 WINDS_UP, _SWINGS = 0.7, 2.0  # of the bandwidth
 _RATES = (1.5, 1.8, 2.2, 2.6, 3.1, 3.8, 4.5, 5.4, 6.5, 7.8, 9.4)  # [Hz], of usual inertias
 _DAMPED, _DAMPINGS = 5e-3, (2e-4, 0.05)  # [s], damping over stiffness
@@ -80,7 +80,7 @@ class JointElasticity(MotionEffect):
         ),
     )
     needs_inertia: ClassVar[bool] = True
-    stiffness: float = parameter("N m/rad", lower=1e-3, upper=MOST_STIFFNESS, inverse=True)
+    stiffness: float = parameter("N m/rad", lower=_SOFT, upper=MOST_STIFFNESS, inverse=True)
     cubic: float = parameter("rad/(N m)^3", lower=-1e-3, upper=1e-3, default=0.0)
     damping: float | None = parameter("N m s/rad", lower=0.0, upper=MOST_SLOPE, default=None)
 
@@ -129,7 +129,8 @@ class JointElasticity(MotionEffect):
         )
         for rate in _RATES:
             stiffness = float(recorded.inertia[joint - 1]) * (2 * np.pi * rate) ** 2
-            yield cls.of_swing(joint, stiffness, _DAMPED)
+            if 2.0 * _SOFT <= stiffness <= _STIFF:
+                yield cls.of_swing(joint, stiffness, _DAMPED)
 
     @classmethod
     def of_swing(cls, joint: int, stiffness: float, time: float) -> Hypothesis:
