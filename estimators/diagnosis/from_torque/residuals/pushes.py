@@ -466,9 +466,8 @@ def _grown(errors: FloatArray, inertial: FloatArray, moving: NDArray[np.bool_]) 
     of sensors does not grow, and an error of it during fast motion is as good as any other.
     """
     result = np.ones_like(errors)
-    for j, use in enumerate(moving.T):
-        if not use.any():
-            continue
+    for j in np.flatnonzero(moving.any(axis=0)):
+        use = moving[:, j]
         torque, squares = inertial[use, j] ** 2, errors[use, j] ** 2
         fast = torque > np.median(torque)
         if fast.any():

@@ -139,10 +139,8 @@ def test_interrupt_stops_the_arm_and_keeps_the_recording(tmp_path, number):
         ({"duration": "0.001"}, "shorter than one sample"),
         ({"record": "nowhere/run.parquet"}, "cannot be written"),
         ({"wait-for-estimates": "9"}, "waits for what answers --stream; give both"),
-        *(
-            ({"wait-for-estimates": f"{given}", "stream": None}, f"is {given} s, expected above 0")
-            for given in ("0", "-1")
-        ),
+        ({"wait-for-estimates": "0", "stream": None}, "is 0 s, expected above 0"),
+        ({"wait-for-estimates": "-1", "stream": None}, "is -1 s, expected above 0"),
         ({"wait-for-estimates": "nan", "stream": None}, "--wait-for-estimates is nan, expected"),
         ({"wait-for-estimates": "9", "stream": None, "name": "a/b"}, "the arm's name is 'a/b'"),
     ],
