@@ -27,6 +27,7 @@ from functools import cache, wraps
 from importlib import import_module
 from importlib.metadata import version
 from inspect import Parameter, Signature, getdoc, signature
+from math import isnan
 from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Annotated, Any, Final, get_args, get_origin
@@ -117,7 +118,7 @@ def describe_options(command: Callable[..., None]) -> Callable[..., None]:
     @wraps(command)
     def with_options(**given: object) -> None:
         for name, value in given.items():
-            if value != value:  # noqa: PLR0124  # bounds of options let it pass
+            if isinstance(value, float) and isnan(value):  # bounds of options let it pass
                 raise ConfigError(f"{_option_of(command, name)} is nan, expected a number")
         command(**_gather(command, given))
 

@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.hypotheses.catalogue import rivals
 from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
-from estimators.diagnosis.settings import FAR, FEW, LITTLE, MATTERS
+from estimators.diagnosis.settings import FAR, FEW, HALF, LITTLE, MATTERS
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
 from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import is_more, ranked
@@ -241,7 +241,7 @@ def refine(hypothesis: Hypothesis, around: Setting) -> tuple[Hypothesis, float]:
 
 
 def _simplex(start: FloatArray) -> FloatArray:
-    step = MATTERS * np.where(start > 0.5, -1.0, 1.0)  # noqa: PLR2004  # towards the middle
+    step = MATTERS * np.where(start > HALF, -1.0, 1.0)  # towards the middle
     return np.concatenate([start[None], start + np.diag(step)])
 
 

@@ -13,13 +13,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from estimators.diagnosis.from_torque.hypotheses.line_sums import line_sums
-from estimators.diagnosis.settings import (
-    DEPENDENT,
-    FEW,
-    LITTLE,
-    SOME,
-    TINY,
-)
+from estimators.diagnosis.settings import DEPENDENT, FEW, LITTLE, SOME, TINY
 from estimators.diagnosis.settings.fitting import RIPPLE
 from limo_driver.physics import TorqueRipple
 from limo_driver.recordings.filters.differentiation import ORDER
