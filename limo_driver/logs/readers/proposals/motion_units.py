@@ -30,6 +30,8 @@ MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may
 _REST: Final = 0.1  # [rad], beyond which no noise of an encoder goes
 _FEWEST_ROWS: Final = 10
 ALIKE: Final = (0.6, 1.6)  # velocity over rate of change of position, in the right unit
+_SAME: Final = 0.1  # by which a velocity differs from the rate of change, on the right clock
+_RESTS: Final = 0.01  # of the widest range of all joints, below which one rests beside it
 _SWEEP: Final = 0.1  # [s], over which a speed is the mean: of close samples it is all noise
 _SHARED: Final = 0.25  # of a step, that one next to it makes where it is part of a motion
 _FASTER: Final = 2.0  # times the velocity limit of a description that no joint goes
@@ -128,8 +130,8 @@ def _unit_of_velocities(
     time: FloatArray, position: FloatArray, velocity: FloatArray
 ) -> _BySpeed | None:
     """Return the unit of positions (T, k) whose rate of change velocities [rad/s] are."""
-    factors = [velocity_factor(time, *own) for own in zip(position.T, velocity.T, strict=True)]
-    usual = float(np.median(np.abs([factor for factor in factors if factor] or [0.0])))
+    factors = _factors(time, position, velocity)
+    usual = float(np.nanmedian(np.append(factors, 0.0 if np.isnan(factors).all() else math.nan)))
     for unit in ("rad", "deg"):
         ratio = usual / UNITS["position"][unit]
         if ALIKE[0] < ratio < ALIKE[1]:
@@ -329,12 +331,7 @@ def velocity_unit(
     """
     rows = usual(position) & usual(velocity) & usual(time[:, None])
     time, position, velocity = time[rows], position[rows], velocity[rows]
-    factors = np.array(
-        [
-            math.nan if (factor := velocity_factor(time, *own)) is None else abs(factor)
-            for own in zip(position.T, velocity.T, strict=True)
-        ]
-    )
+    factors = _factors(time, position, velocity)
     slides = np.array(sliding)
     turning, turn_why = _velocity_unit(factors[~slides], stated or ("rad/s", "deg/s", "rpm"))
     sliding_unit, slide_why = _velocity_unit(factors[slides], stated or ("m/s", "mm/s"))
@@ -347,6 +344,26 @@ def velocity_unit(
         slide_why if slides.all() or slide_why == turn_why else f"{turn_why}; {slide_why} (slides)"
     )
     return Reading(units if len(set(units)) > 1 else units[:1], why, question)
+
+
+def _factors(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return velocities (T, n) over rates of change of positions, (n,); NaN of joints that rest.
+
+    Noise of a joint that rests beside others has a factor of its own, which says nothing of units.
+    """
+    ranges = np.ptp(position, axis=0)
+    found = [
+        velocity_factor(time, *own) if moves else None
+        for *own, moves in zip(position.T, velocity.T, ranges > _RESTS * ranges.max(), strict=True)
+    ]
+    return np.abs(np.array(found, dtype=float))
+
+
+def are_rates(time: FloatArray, position: FloatArray, velocity: FloatArray) -> bool:
+    """Say whether velocities (T, n) are, within 10 %, what positions (T, n) change by a second."""
+    factors = _factors(time, position, velocity)
+    known = factors[np.isfinite(factors)]
+    return known.size > 0 and float(np.abs(known - 1.0).max()) < _SAME
 
 
 def _about_time(factors: FloatArray) -> str:

@@ -45,10 +45,12 @@ from limo_driver.logs.readers.proposals.gravity import (
 )
 from limo_driver.logs.readers.proposals.motion_units import (
     Beside,
+    are_rates,
     position_reading,
     velocity_unit,
 )
 from limo_driver.logs.readers.proposals.recorded_joints import recorded_part, whole_of_mujoco
+from limo_driver.logs.readers.proposals.times import COUNTS
 from limo_driver.logs.readers.proposals.unnamed import families_by_numbers
 from limo_driver.runtime.display import shortened
 
@@ -459,8 +461,14 @@ def _rates(
     found = velocity_unit(seconds[rising], motion[rising], values, sliding, stated)
     if found.question and quantity == VELOCITY and (time.columns or time.rate != 1.0):
         draft.questions.append(found.question)
-    why = "the names say so" if stated else found.why
-    return draft.take(quantity, family, stated or found.units, why)
+    taken = draft.take(
+        quantity, family, stated or found.units, "the names say so" if stated else found.why
+    )
+    rates = taken.read(draft.table, VELOCITY)[rising]
+    counts = quantity == VELOCITY and COUNTS in draft.questions
+    if counts and are_rates(seconds[rising], motion[rising], rates):
+        draft.questions.remove(COUNTS)  # no other clock makes them the same
+    return taken
 
 
 def _commands(draft: _Draft, position: Channels, torque: Channels | None) -> Channels | None:

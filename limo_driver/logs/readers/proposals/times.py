@@ -47,6 +47,7 @@ _NAMED_PERIOD: Final = re.compile(
 )
 _NO_RATE: Final = re.compile(r"cut-?off|filter|low-?pass|bandwidth|motion|sine|chirp|control")
 _APART_AS_ANY: Final = 1.0  # of squared steps over variance, from which on no motion leads on
+COUNTS: Final = "time: does it count milliseconds, or rows?"
 _NEARLY_ALL: Final = (0.01, 0.99)
 _PIECES: Final = 20  # of a column, each with steps of its own
 _OTHER_UNIT: Final = 100.0  # between steps of two pieces; units are 1000 apart, rates less
@@ -303,5 +304,5 @@ def _unit(values: NDArray[Any], said: str) -> tuple[str, str, str]:
     if by_step is None:
         return "s", f"steps of {step:.4g}", f"time: steps of {step:.4g} are no rate of a log"
     if step == 1.0 and values.dtype.kind in "iu":
-        return by_step, "steps of 1", "time: does it count milliseconds, or rows?"
+        return by_step, "steps of 1", COUNTS
     return by_step, f"steps of {step:.4g} are {rate}", ""

@@ -51,6 +51,23 @@ def test_degrees_milliseconds_and_counting_from_zero():
     assert "rate of change" in why["velocity"]
 
 
+def test_a_clock_that_counts_is_told_by_velocities_of_the_joint_that_moves():
+    """What a joint that rests is measured to do has a rate of its own, which says nothing."""
+    moved, speed = np.zeros_like(POSITION), np.zeros_like(VELOCITY)
+    moved[:, 0], speed[:, 0] = POSITION[:, 0], VELOCITY[:, 0]
+    rests = np.sin(np.outer(TIME, np.arange(3.0, 10.0)))
+    log = {**numbered("q{}", moved + 1e-5 * rests), **numbered("tau{}", TORQUE)}
+    per_ms = 1e3 * (TIME[1] - TIME[0])  # of what a row takes
+
+    def asked(velocity):
+        velocities = numbered("dq{}", velocity + 3e-4 * rests)
+        found = propose(table_of({"t": np.arange(TIME.size), **log, **velocities}), arm())
+        return [question for question in found.mapping.undecided if "count" in question]
+
+    assert asked(speed * per_ms) == []
+    assert asked(speed * per_ms * 3.0) == ["time: does it count milliseconds, or rows?"]
+
+
 def test_degrees_that_limits_alone_say_are_asked_about(tmp_path):
     """Seven units are beyond limits of 3 rad; so they are where a joint turns on."""
     chain = chain_of(tmp_path, 2)
