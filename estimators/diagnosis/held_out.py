@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from estimators.diagnosis.settings import FINE, LITTLE, ROUNDING, TAIL
+from estimators.diagnosis.settings import FINE, LITTLE, MATTERS, ROUNDING, TAIL
 from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 
 if TYPE_CHECKING:
@@ -103,14 +103,18 @@ def _by_recording(observed: Observed) -> Iterator[tuple[NDArray[np.int64], Float
 def of_another_kind(observed: Observed) -> tuple[str, tuple[NDArray[np.bool_], ...]]:
     """Return what is left out for a proof on motion of another kind, and the rows (K,) of each.
 
-    With several recordings, whole recordings: they differ most. With one, the blocks of time in
-    which the arm is fastest and slowest, and those at either end of its poses, which are ordered
-    along the direction in which they vary most.
+    With several recordings, whole recordings: they differ most. With one, or where a joint moves in
+    one alone (joints that were moved one after the other), the blocks of time in which the arm is
+    fastest and slowest, and those at either end of its poses, which are ordered along the direction
+    in which they vary most.
     """
     of_row, fewest = observed.recording, 2
     if len(present := np.unique(of_row)) >= fewest:
         groups = np.array_split(present, min(len(present), ELSEWHERE.turns))
-        return "whole recordings", tuple(np.isin(of_row, group) for group in groups)
+        out = tuple(np.isin(of_row, group) for group in groups)
+        least = MATTERS * observed.moving.sum(axis=0)
+        if all((observed.moving[~rows].sum(axis=0) >= least).all() for rows in out):
+            return "whole recordings", out
     block = blocks(observed)
     count = np.maximum(np.bincount(block), 1)[:, None]
 

@@ -25,7 +25,7 @@ from estimators.diagnosis.from_torque.hypotheses.catalogue import rivals
 from estimators.diagnosis.from_torque.hypotheses.ripple import with_fewer_lines
 from estimators.diagnosis.from_torque.residuals.noise import ColumnTable
 from estimators.diagnosis.headline import likelier
-from estimators.diagnosis.settings import FAR, FEW, HALF, LITTLE, MATTERS
+from estimators.diagnosis.settings import FAR, FEW, HALF, LITTLE, MATTERS, TINY
 from estimators.diagnosis.settings.fitting import CONTRIBUTION, LAWS, REFINEMENT
 from estimators.diagnosis.stages import end_if_late
 from estimators.regression.definite import is_more, ranked
@@ -314,7 +314,7 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
     """Return the recordings with a simulation that says of which motion its laws were learned.
 
     Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
-    stated far beyond the speeds that were seen.
+    stated far beyond the speeds that were seen, or near them where they hardly varied.
 
     Args:
         found: With what was fitted.
@@ -335,12 +335,26 @@ def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) 
         if not seen:
             return effect
         if slope is not None and known is None:
-            seen["speed"] *= FAR
+            j = effect.joint - 1
+            seen["speed"] *= _reach(np.abs(found.slow.velocity[rows[:, j], j]))
         domain = Domain(**seen, slope=slope if known is None else known.slope).joined(known)
         return replace(effect, domain=domain)
 
     simulation = found.simulation
     return found.under(replace(simulation, effects=tuple(map(limited, simulation.effects))))
+
+
+def _reach(speed: FloatArray) -> float:
+    """Return how many times the speeds seen a slope goes on that was fitted to them.
+
+    Friction at one speed tells a slope from dry friction by what is believed of both alone; what
+    tells them apart is the variance of speeds. That of a swing lets a slope go on far.
+
+    Args:
+        speed: Of one joint, where it was fitted, (K,) [rad/s].
+    """
+    varied = float(np.mean(speed**2)) / max(float(np.mean(speed)) ** 2, TINY) - 1.0
+    return 1.0 + (FAR - 1.0) * float(np.clip(varied / (np.pi**2 / 8.0 - 1.0), 0.0, 1.0))
 
 
 def farther(found: Observations, given: Simulation) -> Observations:

@@ -8,6 +8,7 @@ import pytest
 
 from estimators.diagnosis import diagnose
 from estimators.diagnosis.comparison import BODIES, widths_of
+from estimators.diagnosis.from_torque.fitting.laws import in_domains
 from estimators.diagnosis.from_torque.judgement import writing
 from estimators.diagnosis.from_torque.judgement.telling import without_unreported
 from estimators.diagnosis.from_torque.judgement.writing import (
@@ -19,6 +20,7 @@ from estimators.diagnosis.from_torque.judgement.writing import (
 )
 from estimators.diagnosis.from_torque.residuals.observations import Observations
 from estimators.diagnosis.held_out import Split, of_another_kind
+from estimators.diagnosis.settings import FAR
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import (
     CoulombFriction,
@@ -83,6 +85,41 @@ class SimpleJudged:
 
 def names(found):
     return {item.part for item in found}
+
+
+def test_recordings_that_move_one_joint_each_are_not_left_out_whole(rigid, training_recording):
+    """Without the one that moves a joint nothing is known of it, so nothing could be proven."""
+    motion = training_recording.motion(10.0)
+
+    def of_joints(*moved):
+        held = [j for j in range(motion.position.shape[1]) if j not in moved]
+        position = motion.position.copy()
+        position[:, held] = position[0, held]
+        return Recording.from_arrays(motion.time, position, training_recording.torque)
+
+    alone = Observations.of(rigid, (of_joints(0), of_joints(1)), 10.0)
+    kind, chosen = of_another_kind(alone)
+    assert kind == "blocks of other speeds and poses"
+    assert all(alone.moving[~rows].any(axis=0).all() for rows in chosen)
+    both = Observations.of(rigid, (of_joints(0, 1), of_joints(0, 1)), 10.0)
+    assert of_another_kind(both)[0] == "whole recordings"
+
+
+@pytest.mark.parametrize(("speeds", "times"), [("a swing", FAR), ("one speed", 1.0)])
+def test_a_slope_goes_on_as_far_as_speeds_have_told_it_from_dry_friction(rigid, speeds, times):
+    """At one speed alone both are as likely; beyond it the slope is the one that was stated."""
+    time = np.arange(0.0, 20.0, 0.01)
+    swing = np.sin(0.7 * time) / 0.7
+    triangle = 2.0 / np.pi * np.arcsin(np.sin(0.7 * time)) * np.pi / 2.0 / 0.7
+    course = swing if speeds == "a swing" else triangle
+    position = np.stack([course, course], axis=1)
+    recording = Recording.from_arrays(time, position, np.zeros_like(position))
+    given = plus(rigid, ViscousFriction(joint=1, f_v=1.0))
+    fitted = Observations.of(plus(rigid, ViscousFriction(joint=1, f_v=2.0)), (recording,), 10.0)
+    domain = in_domains(fitted, given, fitted.moving).simulation.effects[-1].domain
+    seen = np.abs(fitted.slow.velocity[fitted.moving[:, 0], 0]).max()
+    assert domain.slope == 1.0
+    assert domain.speed == pytest.approx(times * seen, rel=0.15)
 
 
 def test_what_makes_a_joint_better_is_written(observed, rigid):
