@@ -24,7 +24,7 @@ from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
 from estimators.diagnosis.quantities import of_joints, to_interval
 from estimators.diagnosis.settings import Z95
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
     Identified,

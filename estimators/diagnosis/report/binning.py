@@ -10,7 +10,7 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimators.diagnosis.settings import FEW, TAIL, TINY
-from estimators.diagnosis.settings.afterwards import BINS
+from estimators.diagnosis.settings.judgement import BINS
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings import LITTLE
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Finding, Fit, Verdict
 from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.figures import DRAWN

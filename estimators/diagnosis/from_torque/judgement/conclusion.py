@@ -28,9 +28,8 @@ from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse, su
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings import NEARLY_ALL, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
-from estimators.diagnosis.settings.judgement import OBSERVABLE
+from estimators.diagnosis.settings.judgement import OBSERVABLE, WORDING
 from estimators.diagnosis.verdict import (
     TORQUE,
     UNKNOWN,

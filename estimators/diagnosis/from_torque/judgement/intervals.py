@@ -24,7 +24,7 @@ from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings import MATTERS, Z95
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE

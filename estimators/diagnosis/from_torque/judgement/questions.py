@@ -35,9 +35,8 @@ from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal
 from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.settings import LITTLE, MATTERS, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.judgement import BLACK_BOX
+from estimators.diagnosis.settings.judgement import BLACK_BOX, WORDING
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
 from limo_driver.physics import GravityDirection, TorqueGain

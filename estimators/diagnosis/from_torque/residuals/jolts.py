@@ -45,8 +45,7 @@ from estimators.diagnosis.from_torque.residuals.pushes import Push, TimeSpan, co
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.settings import FEW, LEVEL, MOST, NEARLY_ALL, OUTLYING, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import JOLTS, PUSHES
+from estimators.diagnosis.settings.judgement import JOLTS, PUSHES, WORDING
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:

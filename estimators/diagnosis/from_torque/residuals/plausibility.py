@@ -41,7 +41,7 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
 )
 from estimators.diagnosis.quantities import listed, of_joints
 from estimators.diagnosis.settings import CLEARLY, FAR, FEW, HALF, LITTLE, MATTERS, SOME
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.settings.residuals import MISTAKES, ROWS
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
