@@ -104,6 +104,11 @@ class ArmProblem:
     kept: NDArray[np.bool_] | None = None  # rows of all stretches, in a row
     over: float = c.STEP  # what slopes are taken over, of a logarithm or a signed value in its unit
     within: float = np.inf  # deviations from what is believed, that constants are kept within
+    tick: float = 0.0  # [rad], step of the encoders, that errors are taken to be at least
+
+    def weighted_by(self, errors: Sequence[FloatArray]) -> ArmProblem:
+        """Return the same with the weights that the errors of a fit ask for."""
+        return replace(self, weights=Weights.of(errors, self.tick))
 
     def errors(self, guess: ArmGuess) -> list[FloatArray]:
         """Return simulated minus recorded positions of each joint [rad]."""
@@ -168,6 +173,7 @@ class ArmProblem:
 class ArmFit:
     """Fitted constants, their cost, and how sure they are."""
 
+    problem: ArmProblem
     guess: ArmGuess
     cost: float  # [nat], of the joints that were fitted
     errors: tuple[FloatArray, ...]  # of each joint [rad]
@@ -234,8 +240,8 @@ def _descended(
                 break
             damping *= FAR
         if before - cost < _ENOUGH:
-            return ArmFit(guess, cost, tuple(found)), hessian
-    return ArmFit(guess, cost, tuple(found)), None
+            return ArmFit(problem, guess, cost, tuple(found)), hessian
+    return ArmFit(problem, guess, cost, tuple(found)), None
 
 
 def _movable(

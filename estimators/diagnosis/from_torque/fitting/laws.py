@@ -56,24 +56,22 @@ class Likeliest:
     laws: tuple[LawEvidence, ...]  # the evidence of the named ones, best first
 
 
-def likeliest(
-    problem: RegressionProblem, solution: Solution, member: int, other: int, around: Setting
-) -> Likeliest:
+def likeliest(solution: Solution, member: int, other: int, around: Setting) -> Likeliest:
     """Let the laws of an effect compete in a member's place.
 
     Args:
-        problem: What is fitted.
         solution: The set with the member.
         member: In whose place.
         other: A candidate of the effect; the member itself for its own.
         around: Everything else of the set.
     """
-    near = _best_of_each(problem, solution, member, other)
+    problem = solution.problem
+    near = _best_of_each(solution, member, other)
     competing = [*near, *rivals(near[0]), *with_fewer_lines(near[0], problem.observed)]
     for i, item in enumerate(problem.candidates):
         if item.hypothesis is not None and any(item.hypothesis is one for one in near):
             found = solution.having((*(m for m in solution.members if m != member), i))
-            competing += _of_few_slips(item.hypothesis, coefficients(problem, found, i))
+            competing += _of_few_slips(item.hypothesis, coefficients(found, i))
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(problem.split.fitted.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]
@@ -86,12 +84,13 @@ def likeliest(
     return Likeliest(best, evidence - problem.candidates[other].price, named)
 
 
-def confused(problem: RegressionProblem, solution: Solution, member: int) -> list[int]:
+def confused(solution: Solution, member: int) -> list[int]:
     """Return the best candidate of each effect that may only look worse for its settings.
 
     Those have settings that were tried on a grid, as a member has, are confused with it by what the
     catalogue says, act at the same joints, and bring most of what it brings as they are.
     """
+    problem = solution.problem
     own, taken = problem.candidates[member], {problem.candidates[i].slot for i in solution.members}
     gain, rest = solution.search.gain, tuple(i for i in solution.members if i != member)
     enough = gain(rest) + CONTRIBUTION.most * (gain((*rest, member)) - gain(rest))
@@ -113,18 +112,16 @@ def compete(other: Candidate, own: Candidate) -> bool:
     return bool(both) and confusion_of(other.effect, own.effect) is not None
 
 
-def _best_of_each(
-    problem: RegressionProblem, solution: Solution, member: int, other: int
-) -> list[Hypothesis]:
+def _best_of_each(solution: Solution, member: int, other: int) -> list[Hypothesis]:
     """Return the best hypothesis of each law of an effect in a member's place, best first.
 
     Of equations that have no name, those that are far behind are left out.
     """
     rest = tuple(i for i in solution.members if i != member)
     best: dict[object, tuple[float, Hypothesis]] = {}
-    for i, candidate in enumerate(problem.candidates):
+    for i, candidate in enumerate(solution.problem.candidates):
         hypothesis = candidate.hypothesis
-        if hypothesis is None or candidate.place != problem.candidates[other].place:
+        if hypothesis is None or candidate.place != solution.problem.candidates[other].place:
             continue
         law = hypothesis.law or getattr(hypothesis.family, "func", None)
         gain = solution.search.gain((*rest, i))

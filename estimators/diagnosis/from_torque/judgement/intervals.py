@@ -195,7 +195,7 @@ class ValueComparison:
         findings: tuple[Finding, ...],
     ) -> Self:
         """Linearise around the improved simulation, whose values were known as they are stated."""
-        found = effects_at(improved.simulation, places_of(judged.problem, judged.solution))
+        found = effects_at(improved.simulation, places_of(judged.solution))
         around = Linearised.of(improved, found, (), stated)
         deviation, of_found = around.deviations()
         spread = {

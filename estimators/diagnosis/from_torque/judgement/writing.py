@@ -71,7 +71,7 @@ class Elsewhere:
             improved: The recordings with its fit to all rows.
             given: The simulation that it may improve.
         """
-        observed, places = judged.problem.observed, places_of(judged.problem, judged.solution)
+        observed, places = judged.problem.observed, places_of(judged.solution)
         kind, chosen = of_another_kind(observed)
         around = linearised(improved, observed.simulation, places)
 
