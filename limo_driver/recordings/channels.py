@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 _TURN = 2 * np.pi
 _OF_SPAN = 0.9  # of all that is recorded, that a wrap crosses at least
@@ -63,7 +63,7 @@ def channels_of(given: tuple[str, ...], n: int) -> tuple[str, ...]:
     return found
 
 
-def led_by(channel: CommandChannel, channels: Sequence[str]) -> NDArray[np.bool_]:
+def led_by(channel: CommandChannel, channels: Sequence[str]) -> BoolArray:
     """Say which joints are told by a channel, (n,).
 
     Args:
@@ -268,7 +268,7 @@ def unit_of(step: float) -> str | None:
     return None
 
 
-def seconds(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> tuple[FloatArray, str]:
+def seconds(values: NDArray[Any], known: BoolArray | None = None) -> tuple[FloatArray, str]:
     """Return times in seconds, and how they were taken where that has to be said.
 
     Whole numbers are counted from the first, where their steps can only be micro- or nanoseconds;

@@ -10,7 +10,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
@@ -23,12 +22,12 @@ from limo_driver.recordings.gate.doubts import (
     UsableRows,
     doubts_about_rows,
 )
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from limo_driver.recordings.channels import Columns
-    from limo_driver.types import FloatArray
 
-Mask = NDArray[np.bool_]
+Mask = BoolArray
 
 FEWEST_SAMPLES = 20
 SHORTEST = 0.5  # [s]
@@ -147,7 +146,7 @@ class _Gate:
     def __init__(self, columns: Columns) -> None:
         self.columns = columns
         self.rows = np.arange(columns.time.size)
-        self._reasons: dict[str, list[NDArray[np.int64]]] = {}
+        self._reasons: dict[str, list[IntArray]] = {}
 
     @property
     def time(self) -> FloatArray:
@@ -359,7 +358,7 @@ class _Gate:
         short = np.array([len(pieces) > 1 and last < SHORTEST_PIECE for last in lasts], dtype=bool)
         return np.repeat(short, [rows.stop - rows.start for rows in pieces])
 
-    def held_positions(self) -> dict[str, NDArray[np.int64]]:
+    def held_positions(self) -> dict[str, IntArray]:
         """Return the rows with a position that an encoder repeats in motion, by reason."""
         led = led_by(POSITION, self.columns.led)
         command = self.columns.command

@@ -34,10 +34,8 @@ from limo_driver.recordings.checks import MOST_NORMALISED
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
@@ -244,7 +242,7 @@ def _exchange_mistake(recording: Recording) -> str:
     return f"position_{j + 1} follows command_{k + 1}, not command_{j + 1}; are joints exchanged?"
 
 
-def _ringed(recording: Recording, better: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _ringed(recording: Recording, better: BoolArray) -> BoolArray:
     """Say who follows whose command in a ring of three joints or more, (n, n).
 
     In a motion that runs along the arm as a wave, each joint follows its own command later.

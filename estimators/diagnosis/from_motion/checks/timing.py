@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _FARTHEST: Final = 0.5  # [s] of looking ahead
 _TRIED: Final = 50  # delays, of torques
@@ -289,7 +289,7 @@ def _paces(values: FloatArray, time: FloatArray) -> FloatArray:
     return np.abs(np.diff(values, axis=0) / np.diff(time)[:, None])
 
 
-def _fastest(values: FloatArray, time: FloatArray, row: int) -> NDArray[np.bool_]:
+def _fastest(values: FloatArray, time: FloatArray, row: int) -> BoolArray:
     """Say which joints move much faster behind a row than anywhere else, (n,)."""
     pace = _paces(values, time)
     return pace[row] > FAR * np.delete(pace, row, axis=0).max(axis=0, initial=0.0)

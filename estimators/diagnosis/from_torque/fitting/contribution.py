@@ -24,12 +24,10 @@ from estimators.regression.evidence import REACH
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 def without(solution: Solution, member: int) -> Posterior:
@@ -101,7 +99,7 @@ def contribution_of_all(solution: Solution) -> FloatArray:
     return taken_off(left, problem.left(base), problem.split.held_out)
 
 
-def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def taken_off(left: FloatArray, bare: FloatArray, rows: BoolArray) -> FloatArray:
     """Return by how much the mean square of one residual is below another's, (n,) [N² m²]."""
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
@@ -222,11 +220,7 @@ def surely_better(
 
 
 def surely_less(
-    left: FloatArray,
-    bare: FloatArray,
-    scale: FloatArray,
-    observed: Observations,
-    rows: NDArray[np.bool_],
+    left: FloatArray, bare: FloatArray, scale: FloatArray, observed: Observations, rows: BoolArray
 ) -> bool:
     """Say whether one residual is surely smaller than another, whichever blocks were recorded.
 
@@ -241,9 +235,7 @@ def surely_less(
     return surely_positive(gained, observed, rows)
 
 
-def in_turn(
-    solution: Solution, *sets: tuple[int, ...]
-) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+def in_turn(solution: Solution, *sets: tuple[int, ...]) -> tuple[list[FloatArray], BoolArray]:
     """Return what sets leave (K, n) where each block is held out once [N m], and those rows."""
     rotation = solution.problem.rotation(
         solution.noise, [member for some in sets for member in some]
@@ -252,14 +244,14 @@ def in_turn(
 
 
 def _misses(
-    left: FloatArray, bare: FloatArray, held_out: NDArray[np.bool_], moving: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+    left: FloatArray, bare: FloatArray, held_out: BoolArray, moving: BoolArray
+) -> BoolArray:
     """Mark the joints (n,) on which rows held out have little of what a member adds."""
     added = bare - left
     return np.asarray(rmse(added, held_out) ** 2 < 0.5 * rmse(added, moving) ** 2)
 
 
-def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def _square(left: FloatArray, rows: BoolArray) -> FloatArray:
     return np.maximum(rmse(left, rows) ** 2, TINY**2)
 
 

@@ -38,13 +38,11 @@ from limo_driver.physics.effect import TorqueEffect
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.noise import Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Hypothesis, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -251,7 +249,7 @@ class _Local:
         self.base = base
         size = base.index.size
         self._gram, self._product = np.zeros((size, size)), np.zeros(size)
-        self._white: list[tuple[FloatArray, NDArray[np.int64], FloatArray]] = []
+        self._white: list[tuple[FloatArray, IntArray, FloatArray]] = []
         place = {int(column): k for k, column in reversed(list(enumerate(base.index)))}
         for joint in range(around.problem.observed.n):
             values, at = around.problem.columns.of_joint(joint)
@@ -307,7 +305,7 @@ def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> C
     return new and replace(new, **{name: getattr(candidate, name) for name in kept})
 
 
-def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+def in_domains(found: Observations, given: Simulation, rows: BoolArray) -> Observations:
     """Return the recordings with a simulation that says of which motion its laws were learned.
 
     Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
@@ -354,7 +352,7 @@ def farther(found: Observations, given: Simulation) -> Observations:
     return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))
 
 
-def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
+def _seen(found: Observations, effect: TorqueEffect, rows: BoolArray) -> dict[str, Any]:
     """Return the motion of some rows (K,), as the domain of an effect has it."""
     slow, j = found.slow, effect.joint - 1
     if not rows.any():

@@ -41,13 +41,11 @@ from limo_driver.physics import Tolerances
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import NormalEquations
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass
@@ -206,12 +204,12 @@ class RegressionProblem:
         ]
         return self.with_candidates(fewer)
 
-    def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:
+    def undisturbed(self, rows: BoolArray) -> RegressionProblem:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
         return replace(self, observed=observed, split=Split.of(observed), held=None)
 
-    def as_stated(self, some: NDArray[np.bool_]) -> RegressionProblem:
+    def as_stated(self, some: BoolArray) -> RegressionProblem:
         """Return the same, with some of the nuisance's coefficients (c,) exactly as stated."""
         nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
         first = self.first or self
@@ -227,7 +225,7 @@ class RegressionProblem:
         of_effect = np.array([item.of_effect for item in self.nuisance.parameters], dtype=bool)
         return self._exactly(tolerances, self.nuisance.entered & ~of_effect)
 
-    def _exactly(self, tolerances: Tolerances, some: NDArray[np.bool_]) -> RegressionProblem:
+    def _exactly(self, tolerances: Tolerances, some: BoolArray) -> RegressionProblem:
         """Return the same under other tolerances, with some coefficients (c,) as stated."""
         observed = self.observed
         exact = replace(observed.simulation, tolerances=tolerances)

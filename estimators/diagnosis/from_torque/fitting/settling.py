@@ -37,10 +37,8 @@ from limo_driver.physics.effect import MotionEffect
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.stages import Progress
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 def pruned(solution: Solution) -> Solution:
@@ -316,7 +314,7 @@ def suspects(solution: Solution, joints: Collection[int]) -> set[tuple[str, tupl
     }
 
 
-def _surely_beyond(solution: Solution, some: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _surely_beyond(solution: Solution, some: BoolArray) -> BoolArray:
     """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
     nuisance, search = solution.problem.nuisance.prior, solution.search
     free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)

@@ -48,12 +48,10 @@ from limo_driver.physics.catalogue import unusable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
     from estimators.diagnosis.verdict import Finding
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 def fit_of(
@@ -355,7 +353,7 @@ def held_by(solution: Solution) -> Holds:
     )
 
 
-def _ranges(values: FloatArray, rows: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _ranges(values: FloatArray, rows: BoolArray) -> tuple[tuple[float, float], ...]:
     """Return least and largest of values (K, n) over the rows (K, n) of each joint."""
     some = [column[use] for column, use in zip(values.T, rows.T, strict=True)]
     return tuple((float(x.min()), float(x.max())) if x.size else (0.0, 0.0) for x in some)

@@ -40,8 +40,6 @@ from limo_driver.physics.catalogue import identical_to
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.residuals.observations import Observations
@@ -50,7 +48,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class RemainingResidual:
     failures: tuple[Failure, ...] = ()  # of the black box, which then predicts nothing
 
     @property
-    def clearly_predictable(self) -> NDArray[np.bool_]:
+    def clearly_predictable(self) -> BoolArray:
         """Mark the joints (n,) on which a black box predicts clearly more than noise."""
         return self.predictable > JUDGEMENT.predictable * self.floor
 

@@ -52,10 +52,9 @@ from limo_driver.recordings.bandwidth import lowered
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import BoolArray
 
 
 def check_plausible(observed: Observations) -> None:
@@ -348,7 +347,7 @@ def _change(before: RowSample, after: RowSample) -> float:
     return float(after_ - before_)
 
 
-def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:
+def _mended(before: RowSample, after: RowSample) -> BoolArray:
     """Mark the strange joints that undoing a mistake makes fit, (n,)."""
     strange = after.judged & (before.misfit > MATTERS)
     better = FAR * after.misfit < before.misfit
