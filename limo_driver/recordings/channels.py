@@ -63,7 +63,7 @@ def channels_of(given: tuple[str, ...], n: int) -> tuple[str, ...]:
     return found
 
 
-def led_by(channel: CommandChannel, channels: Sequence[str]) -> BoolArray:
+def commanded_by(channel: CommandChannel, channels: Sequence[str]) -> BoolArray:
     """Say which joints are told by a channel, (n,).
 
     Args:
@@ -90,7 +90,7 @@ def by_channel(command: FloatArray, channels: Sequence[str]) -> dict[str, FloatA
         command: (T, n), in the unit of each joint's channel.
         channels: Name of the channel of each joint.
     """
-    own = {name: led_by(CHANNELS[name], channels) for name in dict.fromkeys(channels)}
+    own = {name: commanded_by(CHANNELS[name], channels) for name in dict.fromkeys(channels)}
     return {name: np.where(joints, command, 0.0) for name, joints in own.items()}
 
 

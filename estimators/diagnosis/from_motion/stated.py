@@ -46,7 +46,7 @@ from estimators.diagnosis.settings import SOME, Z95
 from estimators.regression.evidence import REACH
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
-from limo_driver.recordings.channels import TORQUE, led_by
+from limo_driver.recordings.channels import TORQUE, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -115,7 +115,7 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     """
     if None in simulation.channels:
         return False
-    served = ~led_by(TORQUE, recordings[0].channels)
+    served = ~commanded_by(TORQUE, recordings[0].channels)
     if not (gives_scale(largest_load(simulation.body, recordings)) & served).any():
         return True  # what is stated is the only scale there is, and nothing speaks against it
     recorded = tuple(range(simulation.model.n))
@@ -131,7 +131,7 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     signs = dict.fromkeys((change.sign, conventions_of(body, [recorded]).best.sign))
     weight = np.abs(body.gravity_torque(recorded.position)).max(axis=0)
     weight[commanded_range([recorded]) < MOVED] = 0.0
-    weight[led_by(TORQUE, recorded.channels)] = 0.0
+    weight[commanded_by(TORQUE, recorded.channels)] = 0.0
     loaded = (
         np.flatnonzero(weight > _WELL_LOADED * weight.max()) if weight.max() > 0 else np.array([])
     )

@@ -20,10 +20,10 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     linearisation_is_poor,
     prune_refine_simplify,
     pruned,
-    settled_around,
+    solve_around,
     suspects,
 )
-from estimators.diagnosis.from_torque.fitting.solving import having, solve
+from estimators.diagnosis.from_torque.fitting.solving import solve, with_hypotheses
 from estimators.diagnosis.from_torque.hypotheses.catalogue import every
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
@@ -164,7 +164,7 @@ def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
     several = len(solution.members) >= ROUNDS.several
     if not (several or predictable.any()) or not linearisation_is_poor(solution):
         return judged
-    return judged.or_better(JudgedSet.of(settled_around(solution, progress)))
+    return judged.or_better(JudgedSet.of(solve_around(solution, progress)))
 
 
 def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
@@ -175,10 +175,10 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
     late = with_torque_delay(judged.solution, judged.unknown)
     if late is None:
         return judged
-    again = JudgedSet.of(settled_around(late, progress))
+    again = JudgedSet.of(solve_around(late, progress))
     # times that are tried lie far apart: what stood for the difference to the true one goes, or is
     # another effect, but there is no more than before
-    nearer = JudgedSet.of(settled_around(again.solution, progress))
+    nearer = JudgedSet.of(solve_around(again.solution, progress))
     larger = len(nearer.solution.members) > len(again.solution.members)
     if not larger and not worse_at(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
@@ -197,7 +197,7 @@ def with_seldom_laws(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found among laws that seldom hold, where that leaves less unexplained."""
     if not judged.unexplained:
         return judged
-    problem = having(judged.problem, every(judged.problem.observed, seldom=True))
+    problem = with_hypotheses(judged.problem, every(judged.problem.observed, seldom=True))
     again = JudgedSet.of(prune_refine_simplify(solve(problem, progress), progress))
     laws = (again.problem.candidates[member].hypothesis for member in again.named)
     found = any(law is not None and law.seldom for law in laws)

@@ -71,7 +71,7 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
         f"of {diagnosis.bandwidth:g} Hz.",
         badge=badge(verdict),
     )
-    to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
+    to_do = export_instructions(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
     rest = [note for note in verdict.notes if note not in verdict.doubts]
     parts = (
         errors(verdict, charts)
@@ -116,7 +116,7 @@ def _next(verdict: Verdict) -> str:
     return f'<p>{escape(asked)}<a href="#next">the motion to record next</a>.</p>'
 
 
-def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
+def export_instructions(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     """Return how to get what was found into a simulator; nothing where nothing changes."""
     values = after.changes_from(before)
     if not values:

@@ -89,7 +89,7 @@ def drive_report(found: DriveResult) -> Page:
     view, drawn = _arm(found, found.replay) if found.replay else (None, "")
     body = (
         head
-        + shared.put(found.before, found.after, verdict)
+        + shared.export_instructions(found.before, found.after, verdict)
         + drawn
         + shared.errors(verdict, charts)
         + _from_rows(verdict)

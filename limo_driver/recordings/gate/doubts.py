@@ -14,7 +14,7 @@ from typing import Final
 
 import numpy as np
 
-from limo_driver.recordings.channels import VELOCITY, Columns, led_by, of_numbers
+from limo_driver.recordings.channels import VELOCITY, Columns, commanded_by, of_numbers
 from limo_driver.recordings.gate.held_values import (
     LEAST_JUMP,
     contiguous,
@@ -249,7 +249,7 @@ def about_gaps(time: FloatArray) -> list[str]:
 
 def _about_joints(columns: Columns, rows: IntArray) -> list[str]:
     found: list[str] = []
-    turning = led_by(VELOCITY, columns.led)  # as wheels do, turn after turn
+    turning = commanded_by(VELOCITY, columns.led)  # as wheels do, turn after turn
     for j in range(columns.position.shape[1]):
         position = columns.position[rows, j]
         torque = columns.torque[rows, j]

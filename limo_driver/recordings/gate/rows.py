@@ -12,7 +12,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
+from limo_driver.recordings.channels import (
+    POSITION,
+    RATES,
+    VELOCITY,
+    by_channel,
+    commanded_by,
+    unit_of,
+)
 from limo_driver.recordings.gate import held_values
 from limo_driver.recordings.gate.doubts import (
     FEWEST_LATE,
@@ -234,7 +241,7 @@ class _Gate:
         for quantity, values in self.columns.quantities().items():
             # How large a quantity of each joint may be, (n,)
             usual = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
-            turning = led_by(VELOCITY, self.columns.led) & (quantity == "position")
+            turning = commanded_by(VELOCITY, self.columns.led) & (quantity == "position")
             limit = np.where(turning, _IMPOSSIBLE_EXTRA, usual)
             size = np.abs(values[self.rows])
             self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
@@ -332,7 +339,7 @@ class _Gate:
 
         So far from its neighbours is a wheel where it begins to turn the other way.
         """
-        command, own = self.columns.command, led_by(VELOCITY, self.columns.led)
+        command, own = self.columns.command, commanded_by(VELOCITY, self.columns.led)
         if command is None or not own.any() or self.rows.size < FEWEST_CONTIGUOUS:
             return np.zeros(own.size)
         fastest = np.abs(command[self.rows]).max(axis=0)
@@ -360,7 +367,7 @@ class _Gate:
 
     def held_positions(self) -> dict[str, IntArray]:
         """Return the rows with a position that an encoder repeats in motion, by reason."""
-        led = led_by(POSITION, self.columns.led)
+        led = commanded_by(POSITION, self.columns.led)
         command = self.columns.command
         return {
             held_values.held_reason(j): self.rows[

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_away
+from estimators.diagnosis.from_motion.checks.timing import dropped_frames, moved_away
 from estimators.diagnosis.from_motion.checks.velocities import (
     ALIKE,
     AT_REST,
@@ -304,15 +304,15 @@ def _odd(recording: Recording, name: str, sliding: Sequence[bool]) -> Iterator[s
         yield from left_out_at_rest(recording, j, name, unit)
         yield from (
             list(_not_following(recording, j, name, unit))
-            or list(_led(recording, j, name, unit))
+            or list(_moved_by_hand(recording, j, name, unit))
             or _held(recording, j, name, unit)
         )
 
 
-def _led(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
+def _moved_by_hand(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield that a joint moves away from all that it was told, if it does."""
     command, position = commands_of(recording)[:, j], recording.position[:, j]
-    since, far = led_away(recording.time, command, position)
+    since, far = moved_away(recording.time, command, position)
     if far > 0.0:
         yield (
             f"joint {j + 1} moves {far:.2f} {unit} away from all commands of the last seconds; was "

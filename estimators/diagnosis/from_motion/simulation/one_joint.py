@@ -156,7 +156,7 @@ def _advance(
                 begin = time[i] + h * s - delay
                 target, pace, at = step.follow_command(row, own, orders, at, begin, h, target, pace)
                 error = step.error_of(row, target, q)
-                integral = step.integrated(row, integral, error, h)
+                integral = step.position_integral(row, integral, error, h)
                 volts, heat = step.warm_motor(row, supply[i], heat, error, v, h)
                 if anew and s == 0:
                     after, _ = step.next_velocity(
@@ -168,7 +168,7 @@ def _advance(
                 after, mean = step.next_velocity(
                     row, q, v, error, integral, inertia[i], now, volts, h
                 )
-                integral = step.caught_up(row, integral, error, mean, h)
+                integral = step.velocity_integral(row, integral, error, mean, h)
                 ahead = step.slack(row, now + inertia[i] * (after - v) / h)
                 v = after
                 q += h * mean

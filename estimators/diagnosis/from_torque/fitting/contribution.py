@@ -104,7 +104,7 @@ def taken_off(left: FloatArray, bare: FloatArray, rows: BoolArray) -> FloatArray
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(solution: Solution, member: int, joints: Sequence[int] | None = None) -> float:
+def error_removed(solution: Solution, member: int, joints: Sequence[int] | None = None) -> float:
     """Return the error that a member removes at the joint where it does most [errors left].
 
     Counted on rows held out, each block in turn: a few blocks may hold but one reversal. What fades
@@ -132,7 +132,7 @@ def material(solution: Solution, member: int, joints: Sequence[int] | None = Non
     return float(np.sqrt(max(part[counted].max(), 0.0)))
 
 
-def sure(solution: Solution, member: int, joints: Sequence[int] | None = None) -> bool:
+def surely_helps(solution: Solution, member: int, joints: Sequence[int] | None = None) -> bool:
     """Say whether a member lowers errors of some joints, whichever blocks had been recorded.
 
     Nor may those get worse that are held out for good, and that a report shows. Of what misses most
@@ -144,7 +144,7 @@ def sure(solution: Solution, member: int, joints: Sequence[int] | None = None) -
         joints: That count (0-based), together; by default those that it acts on.
     """
     problem = solution.problem
-    if seldom(solution, member):
+    if acts_seldom(solution, member):
         return True
     left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     counted = own_joints(problem, member) if joints is None else list(joints)
@@ -155,7 +155,7 @@ def sure(solution: Solution, member: int, joints: Sequence[int] | None = None) -
     return surely_better(solution, solution.members, less, counted)
 
 
-def seldom(solution: Solution, member: int) -> bool:
+def acts_seldom(solution: Solution, member: int) -> bool:
     """Say whether a member acts so seldom that rows held out in turn miss most of it."""
     problem = solution.problem
     less = problem.less(solution.members, (member,))
@@ -165,16 +165,16 @@ def seldom(solution: Solution, member: int) -> bool:
     return bool(missed[own_joints(problem, member)].any())
 
 
-def relieves(solution: Solution, member: int) -> bool:
+def keeps_values_off_limits(solution: Solution, member: int) -> bool:
     """Say whether several stated values would have to be as far off as they may without a member.
 
     Few rows show little more error then, since those values stand in for it. But that several are
     so far off at once is far less likely than the member.
     """
-    return strains(solution, without(solution, member))
+    return puts_values_at_limits(solution, without(solution, member))
 
 
-def strains(solution: Solution, other: Posterior) -> bool:
+def puts_values_at_limits(solution: Solution, other: Posterior) -> bool:
     """Say whether another fit has several more stated values as far off as they may be.
 
     Args:
@@ -195,10 +195,10 @@ def convincing(solution: Solution, member: int) -> bool:
 
     What is small, and next to nothing of what the set explains there, is imprecision of the others.
     """
-    if relieves(solution, member):
+    if keeps_values_off_limits(solution, member):
         return True
-    size = material(solution, member)
-    if size < CONTRIBUTION.material or not sure(solution, member):
+    size = error_removed(solution, member)
+    if size < CONTRIBUTION.material or not surely_helps(solution, member):
         return False
     if size >= 1.0:
         return True

@@ -10,10 +10,10 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     changes_only_sign_width,
-    material,
+    error_removed,
+    keeps_values_off_limits,
     own_coefficients,
-    relieves,
-    sure,
+    surely_helps,
     without,
 )
 from estimators.diagnosis.from_torque.fitting.laws import Setting, confused, likeliest, replaced
@@ -54,7 +54,7 @@ def pruned(solution: Solution) -> Solution:
         solution.problem.observed.n
     )  # what one joint lacks, bodies fit in part at all
     while idle := [member for member in solution.members if not _helps(solution, member)]:
-        size = {member: material(solution, member, everywhere) for member in idle}
+        size = {member: error_removed(solution, member, everywhere) for member in idle}
         solution = _less(solution, (min(idle, key=lambda member: size[member]),))
     return solution
 
@@ -66,13 +66,13 @@ def _helps(solution: Solution, member: int) -> bool:
     likelier law either will do, where it is felt at all: some sensors see no friction. Whether a
     member is a finding is another question.
     """
-    if _relieves_sensors(solution, member) or relieves(solution, member):
+    if _relieves_sensors(solution, member) or keeps_values_off_limits(solution, member):
         return True
     everywhere = range(solution.problem.observed.n)
-    size = material(solution, member, everywhere)
+    size = error_removed(solution, member, everywhere)
     if is_friction(solution.problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
-        return size >= CONTRIBUTION.material or sure(solution, member, everywhere)
-    return size >= CONTRIBUTION.material and sure(solution, member, everywhere)
+        return size >= CONTRIBUTION.material or surely_helps(solution, member, everywhere)
+    return size >= CONTRIBUTION.material and surely_helps(solution, member, everywhere)
 
 
 def _relieves_sensors(solution: Solution, member: int) -> bool:
@@ -277,7 +277,7 @@ def _of_one_width(solution: Solution, progress: Progress) -> Solution:
     return solution
 
 
-def settled_around(solution: Solution, progress: Progress) -> Solution:
+def solve_around(solution: Solution, progress: Progress) -> Solution:
     """Search again around a set, and settle the one that is found there.
 
     A gain acts on the friction that was found beside it, too, and an offset of an encoder on the

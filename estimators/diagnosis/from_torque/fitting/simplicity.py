@@ -22,7 +22,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     coefficients,
     in_turn,
-    strains,
+    puts_values_at_limits,
     surely_better,
     surely_less,
 )
@@ -73,7 +73,7 @@ def _with_simpler(solution: Solution, member: int) -> Solution:
     for other in simpler:
         new = solution.having((*rest, other))
         everywhere = range(problem.observed.n)
-        if strains(solution, new.fitted):
+        if puts_values_at_limits(solution, new.fitted):
             continue  # what a body does at other joints would be laid to stated values
         # one that is much likelier, since others were refined, needs no proof that it does as well
         if new.gain > solution.gain + CANDIDATES.missing or not surely_better(
@@ -101,7 +101,7 @@ def _with_one_for_two(solution: Solution) -> Solution:
         if not gains or max(gains.values()) < _enough(solution, rest):
             continue
         new = solution.having((*rest, first_best(gains, gains.__getitem__)))
-        if not strains(solution, new.fitted) and _does_as_well(solution, new):
+        if not puts_values_at_limits(solution, new.fitted) and _does_as_well(solution, new):
             return new
     return solution
 

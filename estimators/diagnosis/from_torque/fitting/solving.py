@@ -49,7 +49,7 @@ def solve(
     problem, search = problem.holding(None), _Search(progress, near)
     noise = noise_of_everything(problem)
     if not any(has_long(candidate) for candidate in problem.candidates):
-        problem = having(problem, long_after(problem.observed.n))
+        problem = with_hypotheses(problem, long_after(problem.observed.n))
     problem = _scanned(fitted(problem, problem.base, noise))
     solution = search.best(problem, noise)
     problem = _scanned(solution)  # of what the largest effects hid
@@ -139,10 +139,10 @@ def _scanned(solution: Solution) -> RegressionProblem:
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    return having(problem, ripples(problem.observed, problem.left(solution.fitted), known))
+    return with_hypotheses(problem, ripples(problem.observed, problem.left(solution.fitted), known))
 
 
-def having(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
+def with_hypotheses(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
     """Return the problem with further hypotheses among what competes."""
     found = [entered(item, problem.observed, problem.columns, problem.level) for item in more]
     return problem.with_candidates([*problem.candidates, *filter(None, found)])

@@ -30,7 +30,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     coefficients,
     contribution,
-    material,
+    error_removed,
 )
 from estimators.diagnosis.from_torque.fitting.laws import sentence_of
 from estimators.diagnosis.from_torque.fitting.problem import lost_by
@@ -92,7 +92,7 @@ def findings_of(
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,
-            material=material(solution, member),
+            material=error_removed(solution, member),
             duration=duration,
         )
         found.append(

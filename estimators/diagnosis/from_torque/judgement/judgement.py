@@ -9,14 +9,14 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
+    acts_seldom,
     contribution,
     contribution_of_all,
+    error_removed,
     in_turn,
     left_by_tolerances,
-    material,
     own_joints,
-    seldom,
-    sure,
+    surely_helps,
     surely_less,
     without,
 )
@@ -216,9 +216,9 @@ def _is_beyond(
     if acts_most(solution, member, remaining.floor) not in doubtful:
         return True
     rest = [joint for joint in own_joints(solution.problem, member) if joint not in doubtful]
-    if not rest or material(solution, member, rest) < CONTRIBUTION.material:
+    if not rest or error_removed(solution, member, rest) < CONTRIBUTION.material:
         return False
-    return sure(solution, member, rest)
+    return surely_helps(solution, member, rest)
 
 
 def _is_part_of_more(solution: Solution, member: int, unknown: Sequence[int]) -> bool:
@@ -227,7 +227,7 @@ def _is_part_of_more(solution: Solution, member: int, unknown: Sequence[int]) ->
     What acts on several, as a wrong body does, looks like a slight effect of its own at one more.
     """
     others = {*unknown} - {*solution.problem.candidates[member].joints}
-    return len(others) > 1 and material(solution, member) < 1.0
+    return len(others) > 1 and error_removed(solution, member) < 1.0
 
 
 def acts_most(solution: Solution, member: int, floor: FloatArray) -> int:
@@ -257,7 +257,7 @@ def _betters(solution: Solution, member: int) -> bool:
     given = observed.residual if member in problem.base else _given(solution)
     (left,), rows = in_turn(solution, solution.members)
     scale = rmse(left, rows)[:, None]
-    return seldom(solution, member) or any(
+    return acts_seldom(solution, member) or any(
         surely_less(left[:, [j]], given[:, [j]], scale[j], observed, rows[:, [j]])
         for j in own_joints(problem, member)
     )

@@ -47,7 +47,7 @@ from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.bandwidth import lowered
+from limo_driver.recordings.bandwidth import about_lower_bandwidth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -201,7 +201,7 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
         for recording in observed.recordings
         for warning in recording.warnings
     ]
-    if (slow := lowered(observed.recordings, observed.bandwidth)) is not None:
+    if (slow := about_lower_bandwidth(observed.recordings, observed.bandwidth)) is not None:
         warnings.append(slow)
     warnings += doubts_on(observed) if doubts is None else doubts
     if holds_still(observed):

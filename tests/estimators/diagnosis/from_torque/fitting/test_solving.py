@@ -11,7 +11,7 @@ import pytest
 from noisy_recordings import observed
 
 from estimators.diagnosis.from_torque.fitting import settling, simplicity, solving
-from estimators.diagnosis.from_torque.fitting.contribution import material
+from estimators.diagnosis.from_torque.fitting.contribution import error_removed
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted, simulated
 from estimators.diagnosis.from_torque.fitting.settling import (
     _in_errors,
@@ -180,7 +180,7 @@ def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays)
     problem, noise = laid_out(observed(TorqueOffset(joint=3, offset=offset)))
     solution = fitted(problem, (place_of(problem, "torque_offset", 3),), noise)
     (member,) = solution.members
-    assert material(solution, member) < CONTRIBUTION.material
+    assert error_removed(solution, member) < CONTRIBUTION.material
     assert pruned(solution).members == ((member,) if stays else ())
 
 

@@ -159,7 +159,7 @@ def test_a_name_is_kept_back_that_only_mends_what_moved_values_did(sprung, monke
 def test_a_slight_effect_is_but_a_part_of_what_nothing_explains_at_several_other_joints(
     monkeypatch, joints, unknown, size, part
 ):
-    monkeypatch.setattr(judgement, "material", lambda *_: size)
+    monkeypatch.setattr(judgement, "error_removed", lambda *_: size)
     solution = SimpleNamespace(problem=problem_of("spring_load", joints))
     assert judgement._is_part_of_more(solution, 0, unknown) == part
 
