@@ -203,20 +203,17 @@ def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
     return max(as_described_scores) - max(other)
 
 
-def likeliest_order(
-    body: RobotModel, recordings: Sequence[Recording], delay: float = DELAYS[1]
-) -> tuple[int, ...]:
+def likeliest_order(body: RobotModel, recordings: Sequence[Recording]) -> tuple[int, ...]:
     """Return the column of each joint that gravity speaks for, with two exchanged at most.
 
     Args:
         body: With the masses that are known.
         recordings: With commands.
-        delay: Of the drives [s].
 
     Returns:
         Column of each joint, 0-based, (n,).
     """
-    rows = _rows(recordings, delay)
+    rows = _rows(recordings, DELAYS[1])
     described = Convention((1,) * body.n, (0.0,) * body.n)
     independent = _INDEPENDENT * sum(recording.duration for recording in recordings)
     scores = dict[tuple[int, ...], float]()
