@@ -211,9 +211,8 @@ def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range
     along = place_of(problem, "position_dependent_friction", 1)
     both = fitted(problem, (sharper, along), noise)
     one = _of_one_width(both, quiet)
-    assert [one.problem.candidates[i].effect for i in one.members] == [
-        "position_dependent_friction"
-    ]
+    (kept,) = one.members
+    assert one.problem.candidates[kept].effect == "position_dependent_friction"
     alone = fitted(problem, (sharper,), noise)
     assert _of_one_width(alone, quiet) is alone
 

@@ -76,10 +76,8 @@ def test_a_link_that_errs_in_several_ways_is_told_once():
     places = [("payload", (2,)), ("link_inertia", (1,)), ("link_inertia", (0,))]
     places += [("link_inertia", (1,)), ("viscous_friction", (1,)), ("link_inertia", (2,))]
     candidates = [SimpleNamespace(effect=effect, joints=joints) for effect, joints in places]
-    search, problem = (
-        SimpleNamespace(gain=lambda _members: 0.0),
-        SimpleNamespace(candidates=candidates),
-    )
+    search = SimpleNamespace(gain=lambda _members: 0.0)
+    problem = SimpleNamespace(candidates=candidates)
     solution = SimpleNamespace(problem=problem, search=search, members=(0,))
     assert other_links(solution, 0) == (1, 0)
 

@@ -43,8 +43,7 @@ def ordinary_of(places, n=7, stated=()):
         observed=SimpleNamespace(simulation=simulation), candidates=candidates
     )
     members = range(len(places))
-    solution = SimpleNamespace(problem=problem, members=members)
-    return [places[i] for i in ordinary(solution, members)]
+    return [places[i] for i in ordinary(SimpleNamespace(problem=problem, members=members), members)]
 
 
 def test_coulomb_friction_is_ordinary_wherever_none_is_stated():
@@ -212,8 +211,7 @@ def test_of_two_laws_that_can_each_stand_for_the_other_the_likelier_is_sure(
     )
 
     def having(members):
-        likely = [effects[m] == "coulomb_friction" for m in members]
-        gain = float(sum(likely))
+        gain = float(sum(effects[m] == "coulomb_friction" for m in members))
         return SimpleNamespace(problem=problem, members=members, gain=gain, having=having)
 
     def alone(solution, _member):
