@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, JointSample, Motion
+    from limo_driver.types import BoolArray, FloatArray, JointSample, Motion
 
 DEVIATIONS: Final = 1.959964  # of a normal distribution, that hold 95 %
 
@@ -43,7 +43,7 @@ class Estimate(Displayed):
     simulation: FloatArray  # [N m], of the physics that was known beforehand
     learned: FloatArray  # [N m], what data add to that
     std: FloatArray  # [N m]
-    outside: NDArray[np.bool_]  # the motion is unlike what was learned; `std` is a guess there
+    outside: BoolArray  # the motion is unlike what was learned; `std` is a guess there
 
     def headline(self) -> str:
         """Say how many samples, and how sure they are."""
@@ -85,13 +85,13 @@ class Estimate(Displayed):
         )
 
 
-def _nothing(rows: int, n: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _nothing(rows: int, n: int) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return torque, deviation and flags of who learned nothing, (rows, n) each."""
     return np.zeros((rows, n)), np.full((rows, n), np.nan), np.zeros((rows, n), np.bool_)
 
 
 @cache
-def _nothing_once(n: int) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+def _nothing_once(n: int) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return these of one row, as a stream needs them a thousand times a second."""
     kept = _nothing(1, n)
     for values in kept:
@@ -226,7 +226,7 @@ def check_recordings(recordings: Sequence[Recording], model: RobotModel) -> None
     check_different(recordings)
 
 
-def joints_with_torque(model: RobotModel, recording: Recording) -> NDArray[np.bool_]:
+def joints_with_torque(model: RobotModel, recording: Recording) -> BoolArray:
     """Mark the joints whose torque is a measurement of what the joint carries, (n,).
 
     One that never changes is none, nor is one that is next to nothing of what gravity asks for.

@@ -16,11 +16,9 @@ from limo_driver.runtime.display import Displayed
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import BoolArray, FloatArray, Motion
 
 
 @dataclass(frozen=True)
@@ -55,7 +53,7 @@ class EvaluationResult(Displayed):
     measured: FloatArray  # (T, n) [N m], filtered; NaN for joints whose torque was not measured
     estimate: Estimate  # filtered
     frictionless: FloatArray  # (T, n) [N m], of the simulation without its joint physics, filtered
-    scored: NDArray[np.bool_]  # (T,)
+    scored: BoolArray  # (T,)
     bandwidth: float  # [Hz]
     robot: RobotModel
     joint_names: tuple[str, ...]

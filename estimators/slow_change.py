@@ -33,9 +33,7 @@ from estimators.base import DEVIATIONS
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 LAG: Final = 0.5  # [s] between the last error that is known and the row it is used for
 _ALIKE: Final = 1.0  # [s] for which errors are alike
@@ -214,7 +212,7 @@ class ChangeWatch:
         time: float,
         external: FloatArray,
         std: FloatArray,
-        free: NDArray[np.bool_],
+        free: BoolArray,
         position: FloatArray,
     ) -> tuple[str, ...]:
         """Learn from an answer; say what is newly sure.

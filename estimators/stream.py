@@ -15,7 +15,7 @@ from itertools import pairwise
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from estimators.base import Estimate, LiveEstimator, State
 from estimators.residual_model import SimulationOnly
@@ -32,7 +32,7 @@ from limo_driver.recordings.filters.causal_differentiation import (
 from limo_driver.recordings.filters.differentiation import SAFE_BANDWIDTH
 from limo_driver.recordings.filters.standstill import RestingDifferentiator
 from limo_driver.recordings.recording import Recording
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import BoolArray, FloatArray, Motion
 
 EARLY: Final = (
     0.3  # of the delay; sharper motion hears more noise, a later one leaves less to filter
@@ -68,7 +68,7 @@ class DelayedRows(NamedTuple):
     simulation: FloatArray
     learned: FloatArray
     std: FloatArray
-    outside: NDArray[np.bool_]
+    outside: BoolArray
     time: FloatArray
     measured: FloatArray | None
 

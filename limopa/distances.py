@@ -17,11 +17,9 @@ from limo_driver.runtime.compiled import compiled
 from limopa.request import EVERYWHERE
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
     from limopa.request import PlanRequest
 
 
@@ -57,14 +55,14 @@ def segment_distance(p1: FloatArray, q1: FloatArray, p2: FloatArray, q2: FloatAr
 @compiled(reads=("position",), nogil=True)
 def clearances(
     position: FloatArray,  # (T, n) [rad]
-    parent: NDArray[np.int64],
+    parent: IntArray,
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,
-    joint: NDArray[np.int64],  # (m,), of each capsule; -1 is fixed
+    joint: IntArray,  # (m,), of each capsule; -1 is fixed
     ends: FloatArray,  # (m, 2, 3) [m], in the frame of that joint
     radius: FloatArray,  # (m,) [m]
-    pairs: NDArray[np.int64],  # (c, 2), capsules
+    pairs: IntArray,  # (c, 2), capsules
 ) -> tuple[FloatArray, FloatArray]:
     """Return gap of each pair (T, c) and lowest point of each capsule (T, m) [m]."""
     T, n = position.shape

@@ -19,10 +19,8 @@ from limopa.distances import clearances
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
     from limopa.path import Path
     from limopa.request import Surroundings, Workspace
 
@@ -50,10 +48,10 @@ class Condition(StrEnum):
 class Violations:
     """Violations of each condition by T configurations; each array has shape (T,)."""
 
-    broken: Mapping[Condition, NDArray[np.bool_]]
+    broken: Mapping[Condition, BoolArray]
 
     @property
-    def feasible(self) -> NDArray[np.bool_]:
+    def feasible(self) -> BoolArray:
         """Configurations that break no condition, (T,)."""
         return ~np.logical_or.reduce(list(self.broken.values()))
 

@@ -18,12 +18,10 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from limo_driver.errors import InfeasiblePathError
-from limo_driver.types import FloatArray, readonly
+from limo_driver.types import FloatArray, IntArray, readonly
 from limopa.feasibility import Condition, Feasibility
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limopa.feasibility import Feasibility
     from limopa.request import Exploring
 
@@ -194,7 +192,7 @@ class ScaffoldSampler:
         )
 
 
-def nearest_first(scaffolds: FloatArray, query: FloatArray) -> NDArray[np.int64]:
+def nearest_first(scaffolds: FloatArray, query: FloatArray) -> IntArray:
     """Return the rows of `scaffolds`, (L, n), from the nearest to `query`, (n,), outwards."""
     return np.argsort(np.linalg.norm(scaffolds - query, axis=1), kind="stable")
 

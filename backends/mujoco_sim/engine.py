@@ -21,7 +21,6 @@ import llvmlite.binding as llvm
 import numpy as np
 from numba import config, types  # pyright: ignore[reportPrivateImportUsage]
 from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from backends.mujoco_sim import layout as row
 from backends.mujoco_sim.layout import Arrays, Links, Scratch, Servo, gather, gather_state, spread
@@ -39,7 +38,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.physics.effects.laws import ROW
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import RELEASE, mujoco
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 # The compiled loop finds these symbols by name, also when it comes from the cache.
 # Another release may have left its own in that folder.
@@ -156,7 +155,7 @@ def _pointer_to(entry: Any) -> Any:  # noqa: ANN401
 def _advance(
     model: int,
     data: int,
-    at: NDArray[np.int64],
+    at: IntArray,
     sizes: tuple[int, int, int],
     rates: tuple[float, float, float, float],
     mode: int,
@@ -216,9 +215,7 @@ def _advance(
 
 
 @compiled(inline="always")
-def _tables(
-    at: NDArray[np.int64], rates: tuple[float, float, float, float]
-) -> tuple[Arrays, Plant, Servo]:
+def _tables(at: IntArray, rates: tuple[float, float, float, float]) -> tuple[Arrays, Plant, Servo]:
     """Return the tables at their addresses, in the order of `Engine`."""
     period, bandwidth, integral_rate, velocity_gain = rates
     arrays = Arrays(
@@ -258,7 +255,7 @@ def _tables(
 
 
 @compiled(inline="always")
-def _links(at: NDArray[np.int64]) -> Links:
+def _links(at: IntArray) -> Links:
     """Return the arrays of the links at their addresses, in the order of `Engine`."""
     return Links(
         _floats(at[27]),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.installed_mujoco import mujoco
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 POSITION, IMPEDANCE, TORQUE, DRIVES = 0, 1, 2, 3  # control modes; DRIVES: each joint its own
 
@@ -79,9 +79,9 @@ class Links(NamedTuple):
     row_size: NDArray[np.int32]  # (m,)
     row_start: NDArray[np.int32]  # (m,)
     column: NDArray[np.int32]
-    driver: NDArray[np.int64]  # (m,), joint that moves each
+    driver: IntArray  # (m,), joint that moves each
     ratio: FloatArray  # (m,)
-    own: NDArray[np.int64]  # (n,), link that each joint moves itself
+    own: IntArray  # (n,), link that each joint moves itself
 
 
 class Servo(NamedTuple):

@@ -28,11 +28,9 @@ from limo_driver.runtime.compiled import compiled
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
     from backends.mujoco_sim.layout import Arrays, Scratch, Servo
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, ImpedanceCommand
+    from limo_driver.types import FloatArray, ImpedanceCommand, IntArray
 
 # A spring on an inertia is stable while h sqrt(k / M) < 2; at half of that it is still followed.
 LARGEST_STEP_RATIO = 1.0
@@ -50,10 +48,10 @@ class Plant(NamedTuple):
     compliance: FloatArray  # (n,) [rad/(N m)]
     cubic: FloatArray  # (n,) [rad/(N m)³]
     offset: FloatArray  # (n,) [N m], of the torque sensor
-    friction_joint: NDArray[np.int64]  # (F,) 0-based
-    friction_law: NDArray[np.int64]  # (F,) see friction_laws
+    friction_joint: IntArray  # (F,) 0-based
+    friction_law: IntArray  # (F,) see friction_laws
     friction_parameters: FloatArray  # (F, laws.ROW)
-    element_joint: NDArray[np.int64]  # (E,) 0-based
+    element_joint: IntArray  # (E,) 0-based
     element_stiffness: FloatArray  # (E,) [N m/rad]
     element_width: FloatArray  # (E,) [rad]
 

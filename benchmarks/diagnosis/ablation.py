@@ -90,9 +90,9 @@ PARTS: dict[str, Change] = {
     "names: that need not surely help": Change(
         {},
         {
-            f"{FITTING}.settling.sure": lambda *_: True,
-            f"{FITTING}.contribution.sure": lambda *_: True,
-            f"{FROM_TORQUE}.judgement.judgement.sure": lambda *_: True,
+            f"{FITTING}.settling.surely_helps": lambda *_: True,
+            f"{FITTING}.contribution.surely_helps": lambda *_: True,
+            f"{FROM_TORQUE}.judgement.judgement.surely_helps": lambda *_: True,
         },
     ),
     "names: no simpler ones": Change(

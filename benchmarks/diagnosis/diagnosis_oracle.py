@@ -80,8 +80,9 @@ def _fitted(case: Path, given: Simulation) -> tuple[Simulation, FloatArray]:
     solution = fitted(problem, _members(problem, solution, truth["effects"]), noise)
     for _ in range(2):
         solution = fitted(problem, solution.members, noise_left(problem, solution.fitted))
-    problem, solution = refined(problem, solution, quiet)
-    places = places_of(problem, solution)
+    solution = refined(solution, quiet)
+    problem = solution.problem
+    places = places_of(solution)
     best = polished(problem.under(solution), given, problem.observed.moving, places)
     others = [Recording.load(path) for path in sorted(case.glob("held_out_*.parquet"))]
     elsewhere = Observations.of(given, others, BANDWIDTH)

@@ -195,7 +195,6 @@ def compare_simulations(
     improved: Simulation,
     given: Simulation,
     recording: Recording,
-    bandwidth: float | None = None,
     estimate: str = ESTIMATE,
     external: str = EXTERNAL,
 ) -> SimulationComparison:
@@ -205,8 +204,6 @@ def compare_simulations(
         improved: The one that may be better.
         given: The other.
         recording: T samples of n joints of that arm.
-        bandwidth: Of the zero-phase filter on motion and torque [Hz]; 10, or what the recording can
-            bear, if not given.
         estimate: What of the recording is an estimate of its torque: columns of that name.
         external: What of it is taken for external, so that the estimate is the rest: likewise.
 
@@ -221,7 +218,7 @@ def compare_simulations(
         )
     recording.check_torque()
     recording.check_robot(improved.model)
-    bandwidth = bandwidth_for([recording], bandwidth)
+    bandwidth = bandwidth_for([recording])
     scored = recording.scored(bandwidth)
     measured = recording.measured_torque(bandwidth)
 

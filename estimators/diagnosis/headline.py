@@ -22,7 +22,7 @@ from estimators.diagnosis.quantities import (
     values_listed,
 )
 from estimators.diagnosis.settings import HALF
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, LINK_INERTIA, UNKNOWN, Interval
 from limo_driver.physics import (
     AsymmetricFriction,

@@ -14,10 +14,8 @@ from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import BoolArray, FloatArray, IntArray, Motion
 
 
 class Observed(Protocol):
@@ -29,7 +27,7 @@ class Observed(Protocol):
         ...
 
     @cached_property
-    def recording(self) -> NDArray[np.int64]:
+    def recording(self) -> IntArray:
         """Which of them each row is of, (K,), 0-based."""
         ...
 
@@ -39,12 +37,12 @@ class Observed(Protocol):
         ...
 
     @property
-    def kept(self) -> NDArray[np.int64]:
+    def kept(self) -> IntArray:
         """Samples that are rows of the slow grid, (K,)."""
         ...
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> BoolArray:
         """Not near rest, (K, n)."""
         ...
 
@@ -58,9 +56,9 @@ class Observed(Protocol):
 class Split:
     """Rows that are fitted to and rows held out; none is both, some near an edge neither."""
 
-    fitted: NDArray[np.bool_]  # (K, n)
-    held_out: NDArray[np.bool_]  # (K, n)
-    apart: NDArray[np.bool_]  # (K,) rows in the blocks held out, whether they count or not
+    fitted: BoolArray  # (K, n)
+    held_out: BoolArray  # (K, n)
+    apart: BoolArray  # (K,) rows in the blocks held out, whether they count or not
 
     @classmethod
     def of(cls, observed: Observed, which: Sequence[int] = HELD_OUT.which) -> Split:
@@ -77,7 +75,7 @@ class Split:
         return cls._of(observed, held_out, near)
 
     @classmethod
-    def without(cls, observed: Observed, held_out: NDArray[np.bool_]) -> Split:
+    def without(cls, observed: Observed, held_out: BoolArray) -> Split:
         """Hold out some rows (K,); what is near them in time is neither fitted nor held out."""
         near = held_out.copy()
         for rows, time in _by_recording(observed):
@@ -87,12 +85,12 @@ class Split:
         return cls._of(observed, held_out, near)
 
     @classmethod
-    def _of(cls, observed: Observed, held_out: NDArray[np.bool_], near: NDArray[np.bool_]) -> Split:
+    def _of(cls, observed: Observed, held_out: BoolArray, near: BoolArray) -> Split:
         moving = observed.moving
         return cls(~near[:, None] & moving, held_out[:, None] & moving, held_out)
 
 
-def _by_recording(observed: Observed) -> Iterator[tuple[NDArray[np.int64], FloatArray]]:
+def _by_recording(observed: Observed) -> Iterator[tuple[IntArray, FloatArray]]:
     """Yield the rows of each recording and their times."""
     for recording in range(len(observed.recordings)):
         rows = np.flatnonzero(observed.recording == recording)
@@ -100,7 +98,7 @@ def _by_recording(observed: Observed) -> Iterator[tuple[NDArray[np.int64], Float
             yield rows, observed.slow.time[rows]
 
 
-def of_another_kind(observed: Observed) -> tuple[str, tuple[NDArray[np.bool_], ...]]:
+def of_another_kind(observed: Observed) -> tuple[str, tuple[BoolArray, ...]]:
     """Return what is left out for a proof on motion of another kind, and the rows (K,) of each.
 
     With several recordings, whole recordings: they differ most. With one, or where a joint moves in
@@ -159,7 +157,7 @@ def block_length(recording: Recording, longest: float = HELD_OUT.block) -> float
     return min(longest, recording.duration / (2 * HELD_OUT.blocks))
 
 
-def rmse(residual: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def rmse(residual: FloatArray, rows: BoolArray) -> FloatArray:
     """Return the RMSE of each joint over its rows in `rows` (K, n), (n,) [N m]."""
     return np.sqrt(np.sum(np.where(rows, residual, 0.0) ** 2, axis=0) / np.maximum(rows.sum(0), 1))
 
@@ -173,7 +171,7 @@ def reducible_removed(before: FloatArray, after: FloatArray, floor: FloatArray) 
     return float(np.clip(np.sum(gone) / reducible, -1.0, 1.0))
 
 
-def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.bool_]) -> bool:
+def surely_positive(gained: FloatArray, observed: Observed, rows: BoolArray) -> bool:
     """Say whether a sum over rows stays positive whichever blocks of time had been recorded.
 
     Args:
@@ -197,15 +195,13 @@ def surely_positive(gained: FloatArray, observed: Observed, rows: NDArray[np.boo
     return bool(np.quantile(of_block[drawn].sum(axis=1), TAIL) > nothing)
 
 
-def blocks(observed: Observed) -> NDArray[np.int64]:
+def blocks(observed: Observed) -> IntArray:
     """Number the block of time of each row, (K,)."""
     length = block_of(observed, HELD_OUT.block)
     return blocks_of_time(observed.slow.time, observed.recording, length)
 
 
-def blocks_of_time(
-    time: FloatArray, recording: NDArray[np.int64], length: FloatArray | float
-) -> NDArray[np.int64]:
+def blocks_of_time(time: FloatArray, recording: IntArray, length: FloatArray | float) -> IntArray:
     """Number the blocks of time that are resampled whole, (K,).
 
     Args:
@@ -218,11 +214,7 @@ def blocks_of_time(
 
 
 def bootstrap(
-    before: FloatArray,
-    after: FloatArray,
-    floor: FloatArray,
-    observed: Observed,
-    rows: NDArray[np.bool_],
+    before: FloatArray, after: FloatArray, floor: FloatArray, observed: Observed, rows: BoolArray
 ) -> tuple[float, float]:
     """Return the 95 % interval of `reducible_removed` by resampling blocks of time.
 
@@ -247,7 +239,7 @@ def bootstrap(
 
 
 def rmse_change(
-    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+    before: FloatArray, after: FloatArray, block: IntArray, rows: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the 95 % interval of RMSE after less RMSE before, of each joint, (n,) each.
 
@@ -269,7 +261,7 @@ def rmse_change(
 
 
 def _resampled(
-    before: FloatArray, after: FloatArray, block: NDArray[np.int64], rows: NDArray[np.bool_]
+    before: FloatArray, after: FloatArray, block: IntArray, rows: BoolArray
 ) -> FloatArray | None:
     """Return sums of squares before and after, and rows, of resampled blocks, (3, resamples, n).
 

@@ -22,14 +22,11 @@ from limo_driver.runtime.display import Displayed
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.stages import Failure
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
     from limo_driver.trajectory import Trajectory
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 ROWS_JUDGED: Final = "rows judged"  # heading of the only column that is no error
 NOT_JUDGED = "near rest, at reversals, under a push or in a jolt"
@@ -228,7 +225,7 @@ class Traces:
     """Filtered signals of all recordings on a slow grid of K rows, in order of time."""
 
     time: FloatArray  # (K,) [s], of the recording
-    recording: NDArray[np.int64]  # (K,) which recording, 0-based
+    recording: IntArray  # (K,) which recording, 0-based
     position: FloatArray  # (K, n) [rad]
     velocity: FloatArray  # (K, n) [rad/s]
     load: FloatArray  # (K, n) nominal rigid-body torque [N m]
@@ -237,8 +234,8 @@ class Traces:
     before: FloatArray  # (K, n) torque of the given simulation [N m]
     tolerances: FloatArray  # (K, n) of the given one, its values moved inside tolerances [N m]
     after: FloatArray  # (K, n) torque of the improved simulation [N m]
-    held_out: NDArray[np.bool_]  # (K,) rows that the proof was made on
-    moving: NDArray[np.bool_]  # (K, n) not near rest; all other rows are neither fitted nor scored
+    held_out: BoolArray  # (K,) rows that the proof was made on
+    moving: BoolArray  # (K, n) not near rest; all other rows are neither fitted nor scored
     sliding: tuple[bool, ...] = ()  # (n,), joints in m and N; empty if all turn
 
 
@@ -350,7 +347,7 @@ class Replay:
     before: FloatArray  # (T, n) measured on the robot of the given simulation [N m]
     after: FloatArray  # (T, n) measured on the robot of the improved simulation [N m]
     tracking: FloatArray  # (n,) RMS distance of simulated from recorded position [rad]
-    moving: NDArray[np.bool_]  # (T, n) not near rest: rows that are scored
+    moving: BoolArray  # (T, n) not near rest: rows that are scored
     recording: int  # 0-based
     position: FloatArray  # (T, n) recorded [rad]
     position_before: FloatArray  # (T, n) of the robot of the given simulation [rad]

@@ -12,12 +12,11 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, IntArray, Motion
 
 REVERSAL: Final = 2e-4  # [rad]; above the jitter of a filtered encoder, far below any LIMO motion
 SATURATION: Final = float(np.deg2rad(10.0))  # [rad], of the rotational history, as in the paper
@@ -83,7 +82,7 @@ class Features:
         return np.array([*limits, *self.stop_widths, *self.direction_speeds], dtype=np.float64)
 
     @cached_property
-    def places(self) -> NDArray[np.int64]:
+    def places(self) -> IntArray:
         """Which block of n inputs each quantity becomes; -1 where it is left out."""
         places = np.full(len(self._every), -1)
         places[self._kept] = np.arange(len(self._kept))
@@ -225,7 +224,7 @@ def _inputs(
     rigid_body_torque: FloatArray,
     deflection: FloatArray,
     constants: FloatArray,
-    places: NDArray[np.int64],
+    places: IntArray,
     stops: int,
 ) -> FloatArray:
     """Advance `memory` (n, ...) in place over T samples; return the inputs, (T, inputs).

@@ -17,7 +17,7 @@ from limo_driver.errors import ConfigError, ModelStoreError
 from limo_driver.recordings.channels import RATES
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.declarations import ConfigNode, JsonNode
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 _RATE_TOLERANCE: Final = 0.1  # of the network's rate; beyond it, its memory runs at another speed
 MEAN, STD, LOWEST, HIGHEST = 0, 1, 2, 3  # rows of the table of an `InputScaling`
@@ -39,7 +39,7 @@ class FittedNetwork:
     standalone: bool = False  # no rigid-body torque goes into it or is added to it
 
     @cached_property
-    def columns(self) -> NDArray[np.int64]:
+    def columns(self) -> IntArray:
         """Inputs that the network of each joint may use, (n, f)."""
         return self.features.columns
 
@@ -136,9 +136,7 @@ class InputScaling(Scaling):
 
 
 @compiled(reads=("table", "columns"), nogil=True)
-def normalise_inputs(
-    inputs: FloatArray, table: FloatArray, columns: NDArray[np.int64]
-) -> FloatArray:
+def normalise_inputs(inputs: FloatArray, table: FloatArray, columns: IntArray) -> FloatArray:
     """Clip and normalise inputs (T, d), in place, by the table (4, d) of an `InputScaling`.
 
     Returns:
@@ -234,7 +232,7 @@ def fitted_in(opened: ModelFolder) -> FittedNetwork:
 def _network(kind: str, opened: ModelFolder, features: Features) -> Network:
     """Build the network from its tensors; compiled code reads its columns unchecked."""
     tensors = opened.tensors()
-    columns: NDArray[np.int64] = tensors.pop(_COLUMNS, np.zeros((0, 0), np.int64))
+    columns: IntArray = tensors.pop(_COLUMNS, np.zeros((0, 0), np.int64))
     try:
         network = NETWORKS[kind](columns, tensors)
     except ModelStoreError as error:

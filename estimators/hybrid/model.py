@@ -24,13 +24,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from estimators.hybrid.training.fit import Epoch
     from estimators.hybrid.training.settings import TrainingSettings
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import BoolArray, FloatArray, Motion
 
 _OUTSIDE: Final = 0.1  # standard deviations of an input beyond its range; nearer, noise may be
 
@@ -151,7 +149,7 @@ def _torque(
     beyond: FloatArray,
     error: FloatArray,
     unknown: FloatArray,
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Return torque, its standard deviation, and what is outside, each (T, n).
 
     Args:

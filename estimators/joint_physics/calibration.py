@@ -74,11 +74,9 @@ from limo_driver.runtime.compiled import compiled
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.joint_physics.columns import JointColumns
     from estimators.joint_physics.normal_equations import JudgedRows, MotionEquations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 COVERAGE: Final = 0.95
 _INSIDE: Final = 0.999  # of the judged rows
@@ -139,7 +137,7 @@ def judge(
     settled: float,
     learned: FloatArray,
     std: FloatArray,
-    outside: NDArray[np.bool_],
+    outside: BoolArray,
 ) -> None:
     """Fade the learned torque of T samples, and say how sure it is, in place.
 
@@ -205,7 +203,7 @@ class _Judged:
     def of(
         cls,
         judged: JudgedRows,
-        part: NDArray[np.int64],
+        part: IntArray,
         joint: int,
         without: Sequence[WeightPosterior],
         spread: FloatArray,
@@ -248,7 +246,7 @@ _LEAST: Final = 1e-12  # [N² m²], of a region
 class FamilySet:
     """A joint fitted with some of its families."""
 
-    columns: NDArray[np.int64]
+    columns: IntArray
     fit: RegionalFit
 
     def whole(self, found: WeightPosterior, count: int) -> WeightPosterior:
@@ -360,14 +358,14 @@ def lower_root(rows: FloatArray) -> FloatArray:
     return root
 
 
-def _some(equations: NormalEquations, at: NDArray[np.int64]) -> NormalEquations:
+def _some(equations: NormalEquations, at: IntArray) -> NormalEquations:
     """Return the sums of some columns."""
     return NormalEquations(
         equations.gram[np.ix_(at, at)], equations.product[at], equations.energy, equations.rows
     )
 
 
-def _sets(columns: JointColumns) -> list[NDArray[np.int64]]:
+def _sets(columns: JointColumns) -> list[IntArray]:
     """Return the columns of each set: all; without the body's; a joint's own; of its place."""
     names = np.array([family.name for family in columns.families])[columns.family]
     own = np.isin(names, _OWN)

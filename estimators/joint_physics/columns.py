@@ -51,10 +51,8 @@ from estimators.rigid_body.terms import JointTerms
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import BoolArray, FloatArray, IntArray, Motion
 
     Arm: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -91,11 +89,11 @@ class ColumnRows:
     about: FloatArray  # (2, T, n), range turned in so far [rad] and load [N m]
 
     @property
-    def settled(self) -> NDArray[np.bool_]:
+    def settled(self) -> BoolArray:
         """Mark joints whose stops no longer depend on their initial state, (T, n)."""
         return self.about[0] > SETTLED
 
-    def of(self, samples: NDArray[np.bool_]) -> ColumnRows:
+    def of(self, samples: BoolArray) -> ColumnRows:
         """Return those of some samples, by a mask (T,)."""
         return ColumnRows(self.columns[:, samples], self.about[:, samples])
 
@@ -137,7 +135,7 @@ class JointColumns:
         return tuple(Family(name, size) for name, size in sizes.items())
 
     @cached_property
-    def family(self) -> NDArray[np.int64]:
+    def family(self) -> IntArray:
         """Family of each column, (K,)."""
         return np.repeat(np.arange(len(self.families)), [f.size for f in self.families])
 
@@ -153,7 +151,7 @@ class JointColumns:
         return slice(int(rows[0]), int(rows[-1]) + 1)
 
     @cached_property
-    def stops(self) -> NDArray[np.int64]:
+    def stops(self) -> IntArray:
         """Columns of the stops: constant, with load, with each wave; (families, widths)."""
         waves = self.of_family("place_friction").start
         starts = [self.of_family(name).start for name in ("friction", "load")]
@@ -161,7 +159,7 @@ class JointColumns:
         return np.array(starts)[:, None] + np.arange(WIDTHS.size)
 
     @cached_property
-    def friction(self) -> NDArray[np.int64]:
+    def friction(self) -> IntArray:
         """Columns of friction: constant, with load, with each wave; (families, states and dq)."""
         speed = np.full(len(self.stops), STATES)  # after the states of its family, but one
         speed[0] = self.of_family("viscous").start - self.stops[0, 0]
@@ -175,7 +173,7 @@ class JointColumns:
         return chain.rotation, chain.translation, chain.axis, chain.gravity, parameters
 
     @cached_property
-    def base(self) -> NDArray[np.int64]:
+    def base(self) -> IntArray:
         """Columns of the links' regressor that are independent of each other."""
         independent = self._parameters.independent
         return independent[independent < PER_LINK * self.n]
@@ -192,7 +190,7 @@ class JointColumns:
         return self._parameters.reduce(full)[self._parameters.independent < PER_LINK * self.n]
 
     @cached_property
-    def constants(self) -> tuple[Arm, NDArray[np.int64], float, int, float]:
+    def constants(self) -> tuple[Arm, IntArray, float, int, float]:
         """What compiled code wants to know of them: see `prediction`."""
         return self._arm, self.base, self.step_time, self.count, SETTLED
 
@@ -252,7 +250,7 @@ def scan(
     acceleration: FloatArray,
     torque: FloatArray,
     arm: Arm,
-    base: NDArray[np.int64],
+    base: IntArray,
     step_time: float,
     fastest: FloatArray,
     every: int,

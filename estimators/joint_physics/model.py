@@ -46,9 +46,9 @@ if TYPE_CHECKING:
 
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray, Motion
+    from limo_driver.types import FloatArray, IntArray, Motion
 
-    Whole: TypeAlias = NDArray[np.int64]
+    Whole: TypeAlias = IntArray
     Constants: TypeAlias = tuple[
         Whole, Whole, Whole, FloatArray, NDArray[np.float32], Whole,
         FloatArray, FloatArray, int, FloatArray,
@@ -90,7 +90,7 @@ class FittedPhysics:
 
     weights: FloatArray  # (n, K)
     root: FloatArray  # (n, K, K), R with covariance Rᵀ R of the weights
-    friction: NDArray[np.int64]  # its columns, (families, states and dq)
+    friction: IntArray  # its columns, (families, states and dq)
     calibration: Calibration
     unknown: UnknownMemory  # what nobody knows of the torque before the joints turned
     record: Mapping[str, Any] = field(default_factory=dict)  # data and errors, as JSON

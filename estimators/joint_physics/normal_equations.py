@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from estimators.joint_physics.columns import ColumnRows, JointColumns
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 FOLDS: Final = 5
 _LONGEST: Final = 30.0  # [s] of a block
@@ -159,18 +159,13 @@ class JudgedRows:
 
     columns: NDArray[np.float32]  # (n, T, K)
     residual: FloatArray  # (T, n) [N m], of the simulation
-    settled: NDArray[np.bool_]  # (T, n); others do not count
-    fold: NDArray[np.int64]  # (T,)
-    region: NDArray[np.int64]  # (T,)
+    settled: BoolArray  # (T, n); others do not count
+    fold: IntArray  # (T,)
+    region: IntArray  # (T,)
 
     @classmethod
     def of(
-        cls,
-        rows: ColumnRows,
-        residual: FloatArray,
-        fold: NDArray[np.int64],
-        region: NDArray[np.int64],
-        every: int,
+        cls, rows: ColumnRows, residual: FloatArray, fold: IntArray, region: IntArray, every: int
     ) -> JudgedRows:
         """Keep one row of so many."""
         x = rows.columns[:, ::every].astype(np.float32)
@@ -231,7 +226,7 @@ def _share(recordings: Sequence[Recording], columns: JointColumns) -> int:
 
 def _chunks(
     simulation: Simulation, columns: JointColumns, recordings: Sequence[Recording]
-) -> Iterator[tuple[ColumnRows, FloatArray, NDArray[np.int64], NDArray[np.int64]]]:
+) -> Iterator[tuple[ColumnRows, FloatArray, IntArray, IntArray]]:
     """Give r rows, their residual torque (r, n), fold (r,) and region (r,), chunk by chunk."""
     regions = Regions.of(recordings)
     for recording in recordings:
@@ -251,7 +246,7 @@ def _chunks(
                 yield found.of(use), residual[use], own_fold, own_region
 
 
-def fold_of(recording: Recording) -> NDArray[np.int64]:
+def fold_of(recording: Recording) -> IntArray:
     """Return which fold each sample of a recording is in, (T,)."""
     time = recording.time - recording.time[0]
     block = min(_LONGEST, recording.duration / FOLDS)
@@ -290,7 +285,7 @@ class Regions:
             parts += [own[along <= found.middles[node]], own[along > found.middles[node]]]
         return found
 
-    def at(self, position: FloatArray) -> NDArray[np.int64]:
+    def at(self, position: FloatArray) -> IntArray:
         """Return in which region poses (T, n) [rad] are, (T,)."""
         node = np.zeros(len(position), dtype=np.int64)
         for _ in range(_LEVELS):

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.joint_physics.columns import Arm, JointColumns
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 LANES: Final = 16  # floats that fill the widest vectors
 GROUP: Final = 6  # columns of L, taken at a time: as many as there are families of friction
@@ -75,15 +75,15 @@ class Prediction:
     and of standard deviations nobody reads the seventh digit. What they are roots of stands above.
     """
 
-    kept: NDArray[np.int64]  # columns that count, of one joint after the other
-    less: NDArray[np.int64]  # the column taken off each in its term; K, where none is
-    sizes: NDArray[np.int64]  # (n,), how many columns count
+    kept: IntArray  # columns that count, of one joint after the other
+    less: IntArray  # the column taken off each in its term; K, where none is
+    sizes: IntArray  # (n,), how many columns count
     weights: FloatArray  # of the columns that count
     roots: NDArray[np.float32]  # groups of columns
-    root_sizes: NDArray[np.int64]  # (n,), how many numbers of `roots` are of a joint
+    root_sizes: IntArray  # (n,), how many numbers of `roots` are of a joint
 
     @classmethod
-    def of(cls, weights: FloatArray, root: FloatArray, friction: NDArray[np.int64]) -> Prediction:
+    def of(cls, weights: FloatArray, root: FloatArray, friction: IntArray) -> Prediction:
         """Pack them.
 
         Args:
@@ -109,12 +109,12 @@ class Prediction:
 )  # sums in several lanes
 def predict(
     columns: FloatArray,
-    kept: NDArray[np.int64],
-    less: NDArray[np.int64],
-    sizes: NDArray[np.int64],
+    kept: IntArray,
+    less: IntArray,
+    sizes: IntArray,
     weights: FloatArray,
     roots: NDArray[np.float32],
-    root_sizes: NDArray[np.int64],
+    root_sizes: IntArray,
     torque: FloatArray,
     leverage: FloatArray,
 ) -> None:
@@ -182,23 +182,23 @@ def estimate(
     acceleration: FloatArray,
     torque: FloatArray,
     arm: Arm,
-    base: NDArray[np.int64],
+    base: IntArray,
     step_time: float,
     count: int,
     settled: float,
-    kept: NDArray[np.int64],
-    less: NDArray[np.int64],
-    sizes: NDArray[np.int64],
+    kept: IntArray,
+    less: IntArray,
+    sizes: IntArray,
     weights: FloatArray,
     roots: NDArray[np.float32],
-    root_sizes: NDArray[np.int64],
+    root_sizes: IntArray,
     heights: FloatArray,
     moments: FloatArray,
     place: int,
     calibration: FloatArray,
     learned: FloatArray,
     std: FloatArray,
-    outside: NDArray[np.bool_],
+    outside: BoolArray,
 ) -> None:
     """Advance `memory` in place over T samples and write the estimate, (T, n) each.
 
@@ -218,7 +218,7 @@ def estimate(
     judge(calibration, leverage, about[0], velocity, settled, learned, std, outside)
 
 
-def _next() -> NDArray[np.int64]:
+def _next() -> IntArray:
     """Return the state that is taken off each, itself where none is, (states and dq,)."""
     found = np.arange(STATES + 1)
     for chain in (_OF_STOPS, _DIRECTIONS):
@@ -233,12 +233,12 @@ NEXT: Final = _next()
 class VarianceTerms:
     """Of one joint with p columns: those of friction, and of the others those that count."""
 
-    kept: NDArray[np.int64]  # (p,), the columns, in the order of their terms
-    less: NDArray[np.int64]  # (p,), the column taken off each; their number K where none is
+    kept: IntArray  # (p,), the columns, in the order of their terms
+    less: IntArray  # (p,), the column taken off each; their number K where none is
     root: NDArray[np.float32]  # L by groups of columns, see `_by_columns`
 
 
-def terms_of(root: FloatArray, friction: NDArray[np.int64]) -> VarianceTerms:
+def terms_of(root: FloatArray, friction: IntArray) -> VarianceTerms:
     """Return the terms of a joint.
 
     Args:

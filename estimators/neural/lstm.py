@@ -7,12 +7,11 @@ from functools import cached_property
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.neural.mlp import LAYERS, Mlp
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 _LSTM_GATES: Final = 4
 
@@ -51,7 +50,7 @@ class Lstm(Network):
         return np.zeros(1 + stride * self.states * len(self.columns) * int(self.units.sum()))
 
     @cached_property
-    def units(self) -> NDArray[np.int64]:
+    def units(self) -> IntArray:
         """Units of each cell, (layers,)."""
         weights = [self.weights[cell_name("recurrent_weight", i)] for i in range(self.layers)]
         return np.array([weight.shape[1] for weight in weights])
@@ -159,8 +158,8 @@ class Lstm2(Lstm):
 @compiled(nogil=True)
 def _scan(
     x: FloatArray,
-    columns: NDArray[np.int64],
-    units: NDArray[np.int64],
+    columns: IntArray,
+    units: IntArray,
     of_unit: int,
     states: int,
     packed: FloatArray,
@@ -295,7 +294,7 @@ class Lru(Mlp):
         return np.zeros(1 + stride * self.weights["transition"].size)
 
     @cached_property
-    def _columns_read(self) -> NDArray[np.int64]:
+    def _columns_read(self) -> IntArray:
         """What each perceptron reads of the inputs and states of all."""
         return np.arange(self.weights["hidden_weight"][..., 0].size).reshape(len(self.columns), -1)
 
@@ -310,7 +309,7 @@ class Lru(Mlp):
 @compiled(nogil=True)
 def _scan_lru(
     x: FloatArray,
-    columns: NDArray[np.int64],
+    columns: IntArray,
     transition: FloatArray,
     input_weight: FloatArray,
     memory: FloatArray,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 _MEMORYLESS: FloatArray = np.zeros(0)
 LAYERS: Final = 4  # weights and biases of the two layers, the last of `shapes`
@@ -63,7 +63,7 @@ class Mlp(Network):
         """Evaluate T samples, each by itself."""
         return self._perceptrons(x, self.columns), memory
 
-    def _perceptrons(self, x: FloatArray, columns: NDArray[np.int64]) -> FloatArray:
+    def _perceptrons(self, x: FloatArray, columns: IntArray) -> FloatArray:
         """Evaluate T samples; a single one without the overhead of arrays."""
         w = self._arrays[-LAYERS:]
         if x.shape[0] == 1:
@@ -84,7 +84,7 @@ class Mlp(Network):
 @compiled(nogil=True)
 def _row(
     x: FloatArray,
-    columns: NDArray[np.int64],
+    columns: IntArray,
     hidden_weight: FloatArray,
     hidden_bias: FloatArray,
     output_weight: FloatArray,
@@ -127,9 +127,9 @@ class AdamW(NamedTuple):
 def descend(
     inputs: Single,
     targets: Single,
-    columns: NDArray[np.int64],
+    columns: IntArray,
     weights: Flat,
-    batches: NDArray[np.int64],
+    batches: IntArray,
     moments: tuple[Flat, ...],
     steps: int,
     constants: AdamW,
@@ -162,11 +162,7 @@ def descend(
 
 @compiled()
 def mean_square(
-    inputs: Single,
-    targets: Single,
-    columns: NDArray[np.int64],
-    weights: Flat,
-    batches: NDArray[np.int64],
+    inputs: Single, targets: Single, columns: IntArray, weights: Flat, batches: IntArray
 ) -> float:
     """Return the mean of the squared errors over all batches; arguments as of `descend`."""
     x, hidden, y = _scratch(batches, columns, weights, targets)
@@ -179,7 +175,7 @@ def mean_square(
 
 @compiled()
 def _scratch(
-    batches: NDArray[np.int64], columns: NDArray[np.int64], weights: Flat, targets: Single
+    batches: IntArray, columns: IntArray, weights: Flat, targets: Single
 ) -> tuple[Single, Single, Single]:
     """Make room for the inputs (G, B, f) of a batch, its hidden layer (G, B, H), outputs (G, B, m).
 
@@ -213,8 +209,8 @@ def _shaped(arrays: Flat, x: Single, hidden: Single, y: Single) -> tuple[Single,
 @compiled()
 def _forward(
     inputs: Single,
-    rows: NDArray[np.int64],
-    columns: NDArray[np.int64],
+    rows: IntArray,
+    columns: IntArray,
     weights: Flat,
     x: Single,
     hidden: Single,
@@ -239,7 +235,7 @@ def _forward(
 
 
 @compiled()
-def _errors(targets: Single, rows: NDArray[np.int64], y: Single) -> float:
+def _errors(targets: Single, rows: IntArray, y: Single) -> float:
     """Turn outputs into their errors; return the sum of the squares."""
     G, B, m = y.shape
     total = 0.0

@@ -6,13 +6,12 @@ from typing import ClassVar, Final, TypeAlias
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
 from estimators.neural.lstm import Gru, Lstm, cell_name
 from estimators.neural.transformer import NORM_EPSILON, position_encoding, weight_shapes
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 Memory: TypeAlias = "list[tuple[Tensor, ...]] | None"  # h and c of each cell; h, or states
 _FADES: Final = 2.0, 200.0  # samples after which states of an LRU have faded to a third, at first
@@ -23,14 +22,14 @@ _WIDER: Final = 2  # feed-forward over d_model
 class Module(nn.Module):
     """G parts side by side; part g sees `columns[g]` of the inputs."""
 
-    def __init__(self, columns: NDArray[np.int64]) -> None:
+    def __init__(self, columns: IntArray) -> None:
         super().__init__()
         self.parts, self.inputs = columns.shape
         self.shared = bool((columns == columns[:1]).all())  # all parts see the same inputs
         self.register_buffer("columns", torch.from_numpy(columns.copy()))
         self._sees_all = bool((columns == np.arange(self.inputs)).all())  # in their order
 
-    def columns_of_parts(self) -> NDArray[np.int64]:
+    def columns_of_parts(self) -> IntArray:
         """Return the inputs that each part sees, (G, f)."""
         return self.get_buffer("columns").cpu().numpy()
 
@@ -51,9 +50,7 @@ class Module(nn.Module):
 class PerceptronModule(Module):
     """One hidden layer with ReLU for each part, which reads its inputs and `more` values."""
 
-    def __init__(
-        self, columns: NDArray[np.int64], hidden: int, outputs: int, more: int = 0
-    ) -> None:
+    def __init__(self, columns: IntArray, hidden: int, outputs: int, more: int = 0) -> None:
         super().__init__(columns)
         self.output_weight = _xavier(self.parts, hidden, outputs)
         self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
@@ -78,7 +75,7 @@ class MlpModule(PerceptronModule):
 class LruModule(PerceptronModule):
     """What `Lru` computes, for all samples at once: a convolution with the powers of λ."""
 
-    def __init__(self, columns: NDArray[np.int64], states: int, hidden: int, outputs: int) -> None:
+    def __init__(self, columns: IntArray, states: int, hidden: int, outputs: int) -> None:
         super().__init__(columns, hidden, outputs, 2 * states)
         low, high = np.log(_FADES)
         fades = torch.rand(self.parts, states) * (high - low) + low
@@ -116,7 +113,7 @@ class LstmModule(Module):
 
     kind: ClassVar[type[Lstm]] = Lstm
 
-    def __init__(self, columns: NDArray[np.int64], units: tuple[int, ...]) -> None:
+    def __init__(self, columns: IntArray, units: tuple[int, ...]) -> None:
         super().__init__(columns)
         self.units = units
         below = (self.inputs, *units)
@@ -165,9 +162,7 @@ class LstmModule(Module):
 class LstmFclModule(LstmModule):
     """LSTM cells and a linear layer for each part."""
 
-    def __init__(
-        self, columns: NDArray[np.int64], hidden: int, outputs: int, layers: int = 1
-    ) -> None:
+    def __init__(self, columns: IntArray, hidden: int, outputs: int, layers: int = 1) -> None:
         super().__init__(columns, (hidden,) * layers)
         self.output_weight = _xavier(self.parts, hidden, outputs)
         self.output_bias = nn.Parameter(torch.zeros(self.parts, outputs))
@@ -202,7 +197,7 @@ class TransformerModule(Module):
     """
 
     def __init__(
-        self, columns: NDArray[np.int64], outputs: int, block: int, d: int, layers: int, heads: int
+        self, columns: IntArray, outputs: int, block: int, d: int, layers: int, heads: int
     ) -> None:
         super().__init__(columns)
         encoding = torch.from_numpy(position_encoding(block, d)).float()

@@ -8,10 +8,9 @@ from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ModelStoreError
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 
 class Network(ABC):
@@ -32,7 +31,7 @@ class Network(ABC):
     kind: ClassVar[str]
     recurrent: ClassVar[bool]
 
-    def __init__(self, columns: NDArray[np.int64], weights: Mapping[str, FloatArray]) -> None:
+    def __init__(self, columns: IntArray, weights: Mapping[str, FloatArray]) -> None:
         # Columns that compiled code can be given, which checks no index
         if columns.ndim != 2 or not columns.size or columns.dtype.kind not in "iu":  # noqa: PLR2004  # (G, f)
             raise ModelStoreError(

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.neural.network import Network, free_size
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 NORM_EPSILON: Final = 1e-5
 _LONGEST_PERIOD: Final = 10_000.0  # of the position encoding [rad^-1], as in the original
@@ -137,7 +136,7 @@ def _scan(
     x: FloatArray,
     encoding: FloatArray,
     weights: tuple[tuple[FloatArray, ...], ...],
-    positions: NDArray[np.int64],
+    positions: IntArray,
     memories: FloatArray,
     g: int,
     parts: int,

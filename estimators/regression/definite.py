@@ -48,11 +48,10 @@ from dataclasses import dataclass
 from typing import Final, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 SHOWN: Final = 1e-10  # of the largest eigenvalue; columns of a condition number up to 1e5
 ROUNDING: Final = float(np.finfo(np.float64).eps)  # of the diagonal, by each row of a matrix
@@ -97,7 +96,7 @@ class SymmetricSpectrum:
         return float(np.sqrt(self.values[0] / self.values[-1]))
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> BoolArray:
         """Mark the unknowns (k,) that have no part in directions that are not shown."""
         return np.linalg.norm(self.vectors[:, self.rank :], axis=1) < _APART
 
@@ -167,7 +166,7 @@ class RegularisedInverse:
         return self.root.T @ self.root
 
     @property
-    def shown(self) -> NDArray[np.bool_]:
+    def shown(self) -> BoolArray:
         """Mark the unknowns (k,) of whose variance the prior makes up less than half."""
         of_prior = np.sum((self.prior @ self.matrix) ** 2, axis=0)
         return of_prior < 0.5 * np.sum(self.root**2, axis=0)
@@ -199,7 +198,7 @@ def is_more(value: float, than: float) -> bool:
     return value > than and value - than > alike
 
 
-def best_first(values: FloatArray) -> NDArray[np.int64]:
+def best_first(values: FloatArray) -> IntArray:
     """Return the places of values (k,), the largest first, and of those alike the first one."""
     order = np.argsort(-values, kind="stable")
     falling = np.nan_to_num(values[order])  # what is out of the question is -inf
@@ -235,13 +234,13 @@ RIDGE = 1e-9  # beside the 1 of a prior
 def of_right_signs(
     gram: FloatArray,
     product: FloatArray,
-    index: NDArray[np.int64],
+    index: IntArray,
     deviation: FloatArray,
-    positive: NDArray[np.bool_],
+    positive: BoolArray,
     most: FloatArray,
-    block: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+    block: IntArray,
+    rows: IntArray,
+) -> tuple[IntArray, FloatArray, FloatArray]:
     """Leave blocks with a coefficient that cannot be out of rows of a table, round after round.
 
     Returns:
@@ -264,20 +263,20 @@ def of_right_signs(
 
 @compiled(reads=("index", "deviation", "positive", "most", "block", "start"))
 def gains_beside(
-    base: NDArray[np.int64],
+    base: IntArray,
     lower: FloatArray,
     z: FloatArray,
     across: FloatArray,
     back: FloatArray,
     gram: FloatArray,
     product: FloatArray,
-    index: NDArray[np.int64],
+    index: IntArray,
     deviation: FloatArray,
-    positive: NDArray[np.bool_],
+    positive: BoolArray,
     most: FloatArray,
-    block: NDArray[np.int64],
-    start: NDArray[np.int64],
-    some: NDArray[np.int64],
+    block: IntArray,
+    start: IntArray,
+    some: IntArray,
 ) -> FloatArray:
     """Return the log evidence of a set with each of p others beside it.
 
@@ -346,12 +345,8 @@ def _gain(lower: FloatArray, z: FloatArray) -> float:
 
 @compiled()
 def _without_wrong(
-    rows: NDArray[np.int64],
-    positive: NDArray[np.bool_],
-    most: FloatArray,
-    block: NDArray[np.int64],
-    mean: FloatArray,
-) -> NDArray[np.int64]:
+    rows: IntArray, positive: BoolArray, most: FloatArray, block: IntArray, mean: FloatArray
+) -> IntArray:
     """Return the rows whose blocks have no coefficient that cannot be."""
     right = np.ones(rows.size, dtype=np.bool_)
     for i in range(rows.size):

@@ -33,10 +33,8 @@ from estimators.regression.definite import first_best, inverse_root, jackknife
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.regression.evidence import NormalEquations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 _ITERATIONS: Final = 20
 _WORTHS: Final = (0.3, 0.1, 0.03, 0.01, 0.003)  # of a row
@@ -72,7 +70,7 @@ def posterior(equations: NormalEquations, prior: Hyperparameters) -> WeightPoste
 
 
 def most_probable_prior(
-    equations: NormalEquations, family: NDArray[np.int64], known: FloatArray | None = None
+    equations: NormalEquations, family: IntArray, known: FloatArray | None = None
 ) -> Hyperparameters:
     """Find the prior variance of each family (K,) and the noise that the data speak for most.
 
@@ -134,7 +132,7 @@ class RegionalFit:
 def fit(
     everything: NormalEquations,
     regions: Sequence[NormalEquations],
-    family: NDArray[np.int64],
+    family: IntArray,
     known: FloatArray | None = None,
 ) -> RegionalFit:
     """Fit one joint, taking rows for as much evidence as motion of other regions confirms.

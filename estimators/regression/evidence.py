@@ -20,12 +20,11 @@ from dataclasses import dataclass, field
 from math import nan
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.linalg.lapack import dtrtrs  # pyright: ignore[reportAttributeAccessIssue]
 
 from estimators.regression.definite import RIDGE, gains_beside, lower_of, of_right_signs
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 REACH = 3.0  # prior deviations of a nuisance parameter; more is a wrong parameter
 _NO_BLOCKS = np.zeros(0, dtype=np.int64)
@@ -39,10 +38,10 @@ class Prior:
     Columns of one block are there together or not at all: without a mass, a body has no moments.
     """
 
-    index: NDArray[np.int64]  # (c,)
+    index: IntArray  # (c,)
     deviation: FloatArray  # (c,)
-    positive: NDArray[np.bool_]  # (c,) coefficients that cannot be negative
-    block: NDArray[np.int64] = field(default_factory=lambda: _NO_BLOCKS)  # (c,) rising, or one each
+    positive: BoolArray  # (c,) coefficients that cannot be negative
+    block: IntArray = field(default_factory=lambda: _NO_BLOCKS)  # (c,) rising, or one each
     most: FloatArray = field(default_factory=lambda: _NO_LIMITS)  # (c,) deviations; or without end
 
     def __post_init__(self) -> None:
@@ -52,11 +51,11 @@ class Prior:
             object.__setattr__(self, "block", np.arange(self.index.size))
 
     @classmethod
-    def free(cls, index: NDArray[np.int64], deviation: FloatArray) -> Prior:
+    def free(cls, index: IntArray, deviation: FloatArray) -> Prior:
         """Return columns whose coefficients may have either sign."""
         return cls(index, deviation, np.zeros(index.size, dtype=bool))
 
-    def of(self, rows: NDArray[np.bool_] | NDArray[np.int64]) -> Prior:
+    def of(self, rows: BoolArray | IntArray) -> Prior:
         """Return some of the columns."""
         return Prior(
             self.index[rows],
@@ -66,7 +65,7 @@ class Prior:
             self.most[rows],
         )
 
-    def beside(self, wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def beside(self, wrong: BoolArray) -> BoolArray:
         """Mark the columns (c,) of blocks that have a coefficient of the wrong sign."""
         return np.isin(self.block, self.block[wrong])
 
@@ -76,7 +75,7 @@ class Priors:
     """Several sets of columns, one behind the other."""
 
     together: Prior
-    start: NDArray[np.int64]  # (p + 1,) where each begins, and the last ends
+    start: IntArray  # (p + 1,) where each begins, and the last ends
 
     @classmethod
     def of_each(cls, priors: Sequence[Prior]) -> Priors:
@@ -84,7 +83,7 @@ class Priors:
         start = np.cumsum([0, *(prior.index.size for prior in priors)])
         return cls(joined(*priors), start)
 
-    def rows(self, some: Sequence[int]) -> NDArray[np.int64]:
+    def rows(self, some: Sequence[int]) -> IntArray:
         """Return the rows of some sets, one behind the other."""
         none = np.zeros(0, dtype=np.int64)
         return np.concatenate([none, *(np.arange(*self.start[[k, k + 1]]) for k in some)])
@@ -94,7 +93,7 @@ class Priors:
 class Posterior:
     """Coefficients of nuisance columns, then of the set's."""
 
-    index: NDArray[np.int64]  # (m,)
+    index: IntArray  # (m,)
     mean: FloatArray  # (m,)
     covariance: FloatArray  # (m, m), the product of a root; zero of what is held
 
@@ -175,8 +174,8 @@ class Evidence:
         return _Factor(prior if rows.size == prior.index.size else prior.of(rows), lower, z)
 
     def _of_right_signs(
-        self, table: Prior, rows: NDArray[np.int64]
-    ) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
+        self, table: Prior, rows: IntArray
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
         return of_right_signs(
             self.gram,
             self.product,
@@ -201,7 +200,7 @@ class Evidence:
         covariance[np.ix_(kept, kept)] = half.T @ half
         return Posterior(prior.index, mean, covariance)
 
-    def gains(self, table: Priors, base: Sequence[int], some: NDArray[np.int64]) -> FloatArray:
+    def gains(self, table: Priors, base: Sequence[int], some: IntArray) -> FloatArray:
         """Return the log evidence of some sets of a table with each of others beside them, (p,).
 
         The sets are factorised once, and what each of the others adds is a Schur complement.

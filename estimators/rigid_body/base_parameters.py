@@ -18,14 +18,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.regression.definite import ROUNDING, SymmetricSpectrum
 from estimators.rigid_body.regressor import PER_LINK, RegressorChain, fill_regressor
 from estimators.rigid_body.terms import JointTerms
 from limo_driver.model import RobotModel
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, IntArray, Motion
 
 _SAMPLES = 100  # random samples, n equations each
 _INDEPENDENT = 1e-8  # part of a unit column that has to be new
@@ -44,8 +43,8 @@ class BaseParameters:
     Y phi = Y[:, independent] (phi[independent] + mixing phi[dependent]).
     """
 
-    independent: NDArray[np.int64]  # (b,)
-    dependent: NDArray[np.int64]  # (d,)
+    independent: IntArray  # (b,)
+    dependent: IntArray  # (d,)
     mixing: FloatArray  # (b, d)
 
     @property
@@ -98,7 +97,7 @@ def find_base_parameters(model: RobotModel, terms: JointTerms) -> BaseParameters
     return BaseParameters(independent, dependent, mixing)
 
 
-def _order(model: RobotModel, terms: JointTerms) -> NDArray[np.int64]:
+def _order(model: RobotModel, terms: JointTerms) -> IntArray:
     n, links = model.n, np.arange(PER_LINK * model.linkage.links)
     of_terms = links.size + np.arange(n * len(terms.all()))
     late = n if terms.armature else 0
@@ -107,7 +106,7 @@ def _order(model: RobotModel, terms: JointTerms) -> NDArray[np.int64]:
     )
 
 
-def _independent_columns(W: FloatArray, order: NDArray[np.int64]) -> NDArray[np.int64]:
+def _independent_columns(W: FloatArray, order: IntArray) -> IntArray:
     """Return the columns, increasing, that are independent of those before them in `order`."""
     Q = np.zeros((W.shape[0], W.shape[1]))
     found: list[int] = []
@@ -249,7 +248,7 @@ def _ratio(gram: FloatArray) -> float:
 
 @compiled(fastmath={"contract", "nsz"})
 def contract(
-    parent: NDArray[np.int64],
+    parent: IntArray,
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,

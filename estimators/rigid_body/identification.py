@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from estimators.regression.definite import jackknife
@@ -32,7 +31,7 @@ from limo_driver.physics.described import described_effects
 from limo_driver.recordings.bandwidth import bandwidth_for
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 TOLERANCES = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)  # relative, of inertias in a URDF
 _TOLERABLE = (1e-4, 10.0)  # beyond, the prior or the data vanish in rounding
@@ -212,9 +211,9 @@ class _Bodies:
         self,
         tolerance: float,
         start: FloatArray | None = None,
-        absent: NDArray[np.bool_] | None = None,
+        absent: BoolArray | None = None,
         held: FloatArray | None = None,
-        any_sign: NDArray[np.bool_] | None = None,
+        any_sign: BoolArray | None = None,
     ) -> ConsistentFit:
         """Fit under one tolerance from a start.
 
@@ -271,7 +270,7 @@ def _simulation(
     fit: ConsistentFit,
     known: Tolerances,
     beside: tuple[Effect, ...],
-    observable: NDArray[np.bool_],
+    observable: BoolArray,
 ) -> Simulation:
     bodies = {
         link: inertial_of(fit.parameters[PER_LINK * i : PER_LINK * (i + 1)])
@@ -306,7 +305,7 @@ def _by_joint(
 
 
 def _estimates(
-    terms: JointTerms, fit: ConsistentFit, observable: NDArray[np.bool_], sliding: Sequence[bool]
+    terms: JointTerms, fit: ConsistentFit, observable: BoolArray, sliding: Sequence[bool]
 ) -> tuple[TermEstimate, ...]:
     return tuple(
         TermEstimate(*named, value, deviation, unit_of(term.unit, sliding, joint - 1))

@@ -24,14 +24,13 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.model.dynamics import JointLinkage
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, IntArray, Motion
 
 PER_LINK = 10
 
@@ -40,7 +39,7 @@ PER_LINK = 10
 class RegressorChain:
     """Kinematics of an arm of m links that n joints move, as the regressor needs it."""
 
-    parent: NDArray[np.int64]  # (m,), link that carries each, before it; -1 is the base
+    parent: IntArray  # (m,), link that carries each, before it; -1 is the base
     rotation: FloatArray  # (m, 3, 3), of each joint frame in the frame of the parent, at zero
     translation: FloatArray  # (m, 3) [m]
     axis: FloatArray  # (m, 6), in the joint's own frame: unit vector of a slide, then of a turn
@@ -124,7 +123,7 @@ def parameters_of(inertial: Inertial) -> FloatArray:
     fastmath={"contract", "nsz"},
 )
 def fill_regressor(
-    parent: NDArray[np.int64],
+    parent: IntArray,
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
     from estimators.residual_model import ResidualModel
     from estimators.service.gate import Comparison
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from estimators.service.inference.live_model import LiveModel, StateRows
     from estimators.service.store.version import Version
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 SECONDS: Final = 5.0  # of a block; longer than a slow motion takes to change its direction
 MOVES: Final = 1e-3  # [rad] of travel within a second; less says of friction what one pose does
@@ -228,7 +227,7 @@ class Shadow:
             self._errors.append(np.stack([error[good] for error in errors]))
             self._kept += int(good.sum())
 
-    def _free(self, time: FloatArray) -> NDArray[np.bool_]:
+    def _free(self, time: FloatArray) -> BoolArray:
         """Return which states (T,) are farther than a margin from contact."""
         free = np.ones(time.shape, dtype=bool)
         for contact in (*self._service.contacts, *self._service.watchdog.present):

@@ -20,7 +20,6 @@ from importlib.util import find_spec
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimators.base import DEVIATIONS, Estimate, check_every_joint, check_recordings
 from estimators.hybrid import Epoch, HybridModel
@@ -33,7 +32,7 @@ from limo_driver.errors import DivergedError, RecordingError
 from limo_driver.physics import Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.runtime.display import Displayed
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 SIMULATION: Final = "simulation"
 CONFIRMED: Final = "joint-physics, confirmed families"
@@ -238,7 +237,7 @@ def _held_out(
     folds: Sequence[tuple[list[Recording], list[Recording]]],
     bandwidth: float,
     tell: Callable[[float], None],
-) -> tuple[FloatArray, NDArray[np.int64], FloatArray]:
+) -> tuple[FloatArray, IntArray, FloatArray]:
     """Return the products of all blocks (b, n, 2, 2), see `_judge`, folds (b,), coverage (n,)."""
     blocks: list[FloatArray] = []
     within: list[FloatArray] = []
@@ -271,7 +270,7 @@ def _best(tried: Sequence[Tried]) -> Tried | None:
     return best
 
 
-def _judge(name: str, products: FloatArray, fold: NDArray[np.int64]) -> Tried:
+def _judge(name: str, products: FloatArray, fold: IntArray) -> Tried:
     """Find the confirmed share of each joint, and the error that it leaves.
 
     Args:

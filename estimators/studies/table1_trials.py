@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from estimators.neural import Network
     from estimators.studies.table1_data import TableData
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _CPUS = Path("/sys/devices/system/cpu")
 _PACKAGES: Final = ("limo", "numpy", "torch", "pin")
@@ -62,7 +62,7 @@ class ScoringMotion:
 
     inputs: NDArray[np.floating]  # (T, d)
     targets: NDArray[np.floating]  # (T, n)
-    scored: NDArray[np.bool_]  # (T,)
+    scored: BoolArray  # (T,)
     stretches: tuple[slice, ...]  # without a gap
     nothing: FloatArray  # (n,), the normalised target of zero torque
 

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.exports.urdf import rotors_of, tables_of
 from limo_driver.exports.xml_edits import DRAKE, ISAAC_LAB, MJCF, URDF, USD, XmlText
@@ -22,7 +21,7 @@ from limo_driver.model.descriptions.mjcf.joints import keep_springs, plastic_spr
 from limo_driver.model.descriptions.reading import read_description
 from limo_driver.physics import Simulation
 from limo_driver.runtime.installed_mujoco import mujoco
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import FloatArray, IntArray, Motion
 
 _FINE: Final = 2e-3  # [s], steps in which memory goes on
 _HEAVY: Final = 1e12  # [kg m²]
@@ -77,8 +76,8 @@ def torque_in_mujoco(path: Path, joints: Sequence[str], locked: dict[str, float]
 class _Plays(NamedTuple):
     """Hinges that are the play of other joints."""
 
-    position: NDArray[np.int64]  # (P,), where each stands in qpos
-    velocity: NDArray[np.int64]  # (P,)
+    position: IntArray  # (P,), where each stands in qpos
+    velocity: IntArray  # (P,)
     low: FloatArray  # (P,) [rad]
     width: FloatArray  # (P,) [rad]
 

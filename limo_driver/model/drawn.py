@@ -22,11 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from xml.etree import ElementTree as ET
 
-    from numpy.typing import NDArray
-
     from limo_driver.model.descriptions.description import RobotDescription
     from limo_driver.model.robot_model import RobotModel
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 TRIANGLES: Final = 60_000  # of all links: more make a page large, and cannot be seen
 _COARSER: Final = 1.25  # by which the grid of vertices grows until that holds
@@ -44,7 +42,7 @@ class LinkMesh:
 
     joint: int  # 0-based; -1 is the fixed base
     vertices: FloatArray  # (V, 3) [m]
-    faces: NDArray[np.int64]  # (F, 3)
+    faces: IntArray  # (F, 3)
     colour: Colour | None = None  # None: the file has none
 
 

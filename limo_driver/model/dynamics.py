@@ -11,10 +11,9 @@ from typing import Any, Self
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, ShapeError
-from limo_driver.types import FloatArray, as_numbers, readonly
+from limo_driver.types import FloatArray, IntArray, as_numbers, readonly
 
 # pinocchio has no stubs and is found through an import hook; this file is an adapter to it.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
@@ -275,7 +274,7 @@ class JointLinkage:
     first link of a joint is its own, and the joints are in the order of their own links.
     """
 
-    driver: NDArray[np.int64]  # (m,), 0-based joint
+    driver: IntArray  # (m,), 0-based joint
     ratio: FloatArray  # (m,), 1 for the own link of a joint
     offset: FloatArray  # (m,) [rad, m]
 
@@ -300,7 +299,7 @@ class JointLinkage:
         return self.n == self.links
 
     @property
-    def own(self) -> NDArray[np.int64]:
+    def own(self) -> IntArray:
         """The own link of each joint, (n,)."""
         return np.unique(self.driver, return_index=True)[1]
 
@@ -344,7 +343,7 @@ def linkage_of(
     )
 
 
-def _indices(values: Iterable[int]) -> NDArray[np.int64]:
+def _indices(values: Iterable[int]) -> IntArray:
     array = np.array(list(values), dtype=np.int64)
     array.flags.writeable = False
     return array

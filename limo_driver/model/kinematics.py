@@ -14,12 +14,10 @@ import numpy as np
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.compiled import compiled
 from limo_driver.runtime.display import Displayed
-from limo_driver.types import FloatArray, readonly
+from limo_driver.types import BoolArray, FloatArray, IntArray, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
 
     from limo_driver.model.dynamics import JointLinkage
     from limo_driver.model.robot_model import RobotModel
@@ -34,7 +32,7 @@ class KinematicChain:
     Which of the n joints moves each is in `linkage`.
     """
 
-    parent: NDArray[np.int64]  # (m,), 0-based link; -1 is the fixed base
+    parent: IntArray  # (m,), 0-based link; -1 is the fixed base
     rotation: FloatArray  # (m, 3, 3), of the link in its parent's frame at q = 0
     translation: FloatArray  # (m, 3) [m]
     axis: (
@@ -73,7 +71,7 @@ class KinematicChain:
         return self.axis[:, :3] + self.axis[:, 3:]  # one of both is zero
 
     @property
-    def slides(self) -> NDArray[np.bool_]:
+    def slides(self) -> BoolArray:
         """Whether each link slides, (m,)."""
         return np.asarray((self.axis[:, :3] != 0).any(axis=1))
 
@@ -88,7 +86,7 @@ class KinematicChain:
         return last[:, :3, :3] @ self.flange + last[:, :3, 3]
 
 
-def _relative(poses: FloatArray, parent: NDArray[np.int64]) -> FloatArray:
+def _relative(poses: FloatArray, parent: IntArray) -> FloatArray:
     """Return joint poses (n, 4, 4) in the frame of each joint's parent."""
     above = np.concatenate([poses, np.eye(4)[None]])[parent]  # -1 picks the base
     return np.asarray(np.linalg.solve(above, poses), dtype=np.float64)
@@ -97,7 +95,7 @@ def _relative(poses: FloatArray, parent: NDArray[np.int64]) -> FloatArray:
 @compiled(reads=("q",), nogil=True)
 def forward(
     q: FloatArray,
-    parent: NDArray[np.int64],
+    parent: IntArray,
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,
@@ -151,7 +149,7 @@ def forward(
 @compiled(reads=("position",), nogil=True)
 def _poses(
     position: FloatArray,
-    parent: NDArray[np.int64],
+    parent: IntArray,
     rotation: FloatArray,
     translation: FloatArray,
     axis: FloatArray,

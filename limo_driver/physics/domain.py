@@ -20,10 +20,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.runtime.parameters import Declared, parameter
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 NARROWEST = 1e-9  # [rad], that a range is taken to be at least
 FARTHEST = 1e4  # [rad], [rad/s], [°C], which catches a wrong unit
@@ -83,7 +82,7 @@ class Domain(Declared):
             warmth = np.clip(warmth, self.temperature[0], self.temperature[1])
         return replace(motion, position=position, velocity=velocity, temperature=warmth)
 
-    def outside(self, motion: JointMotion) -> NDArray[np.bool_]:
+    def outside(self, motion: JointMotion) -> BoolArray:
         """Mark the samples of a motion that are beyond it, (T,)."""
         inside = self.held(motion)
         beyond = (inside.position != motion.position) | (inside.velocity != motion.velocity)

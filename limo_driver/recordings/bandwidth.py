@@ -42,7 +42,7 @@ def bandwidth_at(rate: float, usual: float = BANDWIDTH) -> float:
     return max(int(bearable * _STEPS) / _STEPS, min(bearable, 1.0 / _STEPS))
 
 
-def lowered(recordings: Iterable[Recording], bandwidth: float) -> str | None:
+def about_lower_bandwidth(recordings: Iterable[Recording], bandwidth: float) -> str | None:
     """Say that recordings are compared below the usual bandwidth since they bear no more, if so.
 
     Args:

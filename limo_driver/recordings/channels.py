@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError, ShapeError
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 _TURN = 2 * np.pi
 _OF_SPAN = 0.9  # of all that is recorded, that a wrap crosses at least
@@ -63,7 +63,7 @@ def channels_of(given: tuple[str, ...], n: int) -> tuple[str, ...]:
     return found
 
 
-def led_by(channel: CommandChannel, channels: Sequence[str]) -> NDArray[np.bool_]:
+def commanded_by(channel: CommandChannel, channels: Sequence[str]) -> BoolArray:
     """Say which joints are told by a channel, (n,).
 
     Args:
@@ -90,7 +90,7 @@ def by_channel(command: FloatArray, channels: Sequence[str]) -> dict[str, FloatA
         command: (T, n), in the unit of each joint's channel.
         channels: Name of the channel of each joint.
     """
-    own = {name: led_by(CHANNELS[name], channels) for name in dict.fromkeys(channels)}
+    own = {name: commanded_by(CHANNELS[name], channels) for name in dict.fromkeys(channels)}
     return {name: np.where(joints, command, 0.0) for name, joints in own.items()}
 
 
@@ -268,7 +268,7 @@ def unit_of(step: float) -> str | None:
     return None
 
 
-def seconds(values: NDArray[Any], known: NDArray[np.bool_] | None = None) -> tuple[FloatArray, str]:
+def seconds(values: NDArray[Any], known: BoolArray | None = None) -> tuple[FloatArray, str]:
     """Return times in seconds, and how they were taken where that has to be said.
 
     Whole numbers are counted from the first, where their steps can only be micro- or nanoseconds;

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.model import RobotModel
-from limo_driver.recordings.channels import POSITION, Columns, channels_of, chosen, led_by
+from limo_driver.recordings.channels import POSITION, Columns, channels_of, chosen, commanded_by
 from limo_driver.recordings.checks import check_arm
 from limo_driver.recordings.gate.doubts import LeftOut, about_gaps, with_one_clock
 from limo_driver.recordings.gate.rows import inspect_commands
@@ -208,7 +208,7 @@ def _moved(recording: Recording | None) -> Recording | None:
     if recording is None or recording.command is None:
         return None
     position = recording.position
-    placed = led_by(POSITION, recording.channels).all()
+    placed = commanded_by(POSITION, recording.channels).all()
     told = placed and np.array_equal(position, recording.command)
     return None if told or np.ptp(position, axis=0).max() < _STILL else recording
 

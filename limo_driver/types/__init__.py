@@ -14,7 +14,9 @@ from typing import Literal
 
 from limo_driver.types.motion import (
     ArrayFields,
+    BoolArray,
     FloatArray,
+    IntArray,
     JointSample,
     Motion,
     as_numbers,
@@ -24,8 +26,10 @@ from limo_driver.types.motion import (
 
 __all__ = [
     "ArrayFields",
+    "BoolArray",
     "FloatArray",
     "ImpedanceCommand",
+    "IntArray",
     "JointCommand",
     "JointLimits",
     "JointSample",

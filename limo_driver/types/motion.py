@@ -13,6 +13,8 @@ from limo_driver.errors import ConfigError, PathError, ShapeError
 from limo_driver.runtime.display import Displayed
 
 FloatArray: TypeAlias = NDArray[np.float64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+IntArray: TypeAlias = NDArray[np.int64]
 _FLOAT64 = np.dtype(np.float64)
 
 
@@ -215,7 +217,7 @@ class Motion(Displayed):
         """Number of joints."""
         return self.position.shape[1]
 
-    def __getitem__(self, rows: slice | NDArray[np.int64]) -> Motion:
+    def __getitem__(self, rows: slice | IntArray) -> Motion:
         """Return the samples in `rows`: a slice, or increasing indices."""
         return Motion(
             self.time[rows],

@@ -27,7 +27,7 @@ from estimators.diagnosis.settings.judgement import CONFIDENCE
 from estimators.diagnosis.settings.residuals import ELSEWHERE, HELD_OUT
 from estimators.diagnosis.verdict import BeforeAfter, Finding, Interval, Where
 from limo_driver.model.units import unit_of
-from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -71,10 +71,10 @@ def _cut(recording: Recording) -> int:
 
 def _speed(recording: Recording) -> float:
     """Return how fast commands move, as their root mean square [rad/s]; of torques, the joints."""
-    pushed, command = led_by(TORQUE, recording.channels), commands_of(recording)
+    pushed, command = commanded_by(TORQUE, recording.channels), commands_of(recording)
     moved = np.where(pushed, recording.position, command)
     change = np.diff(moved, axis=0) / np.diff(recording.time)[:, None]
-    change = np.where(led_by(VELOCITY, recording.channels), command[:-1], change)
+    change = np.where(commanded_by(VELOCITY, recording.channels), command[:-1], change)
     return float(np.sqrt(np.mean(change**2)))
 
 

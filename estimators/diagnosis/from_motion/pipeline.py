@@ -231,9 +231,8 @@ def _beside_stated(
 ) -> DriveEvidence:
     """Look for what the arm has beyond what is stated, and prove it on a part of the recordings."""
     ticks = np.array([resolution_of(recordings, j) for j in range(given.model.n)])
-    tick = float(ticks.max())
     loads = ArmLoads(given.body, recordings, rows_of(given))
-    searched = search(loads, rows_of(given), tolerances_of(given), tick)
+    searched = search(loads, rows_of(given), tolerances_of(given), float(ticks.max()))
     arm = stated_arm(given, searched, searched.fit)
     other = tuple(one for one in arm.suspects if one.effect in COUNTED)
     if other and turns < _TURNS:
@@ -254,12 +253,12 @@ def _beside_stated(
     progress("proving on held-out motion", 0.6)
     final = with_intervals(given, searched, ticks)
     while (doubtful := final.doubtful) is not None:
-        searched = fit_without(searched, doubtful, tick)
+        searched = fit_without(searched, doubtful)
         final = with_intervals(given, searched, ticks)
-    proven, folds, refitted = _proven(given, ((seen, unseen), (unseen, seen)), searched, tick)
+    proven, folds, refitted = _proven(given, ((seen, unseen), (unseen, seen)), searched)
     if proven is not searched:
         final = with_intervals(given, proven, ticks)
-    proof = prove_on_part(given, seen, proven, tick)
+    proof = prove_on_part(given, seen, proven)
     return DriveEvidence(
         proof.identified,
         final.identified,
@@ -275,7 +274,6 @@ def _proven(
     given: Simulation,
     pairs: Sequence[tuple[Sequence[Recording], Sequence[Recording]]],
     searched: Searched,
-    tick: float,
 ) -> tuple[Searched, tuple[Fold, ...], dict[tuple[int, str], FloatArray]]:
     """Leave out what a joint does without: where all else, fitted again, errs no more.
 
@@ -287,7 +285,7 @@ def _proven(
     """
 
     def folds_of(found: Searched) -> tuple[Fold, ...]:
-        arms = [(prove_on_part(given, own, found, tick, held=True), other) for own, other in pairs]
+        arms = [(prove_on_part(given, own, found, held=True), other) for own, other in pairs]
         return tuple(Fold(arm.identified, tuple(other), arm) for arm, other in arms)
 
     folds = folds_of(searched)
@@ -295,7 +293,7 @@ def _proven(
     for one in searched.suspects:
         if one.joint is None or one.shared or one.freed:
             continue
-        less = fit_without(searched, one, tick)
+        less = fit_without(searched, one)
         full, without = (
             np.concatenate([fold.squares(fold.loads(given))[one.joint] for fold in own])
             for own in (folds, folds_of(less))
@@ -303,7 +301,7 @@ def _proven(
         if removes(full, without, len(pairs)) >= CONFIDENT:
             refitted[one.joint, one.effect] = without
         elif not is_needed(searched, one):
-            return _proven(given, pairs, less, tick)
+            return _proven(given, pairs, less)
     return searched, folds, refitted
 
 

@@ -53,7 +53,6 @@ _LIKELY: Final = 2  # suspects that are looked at longer, of either kind
 class Searched:
     """What was found in the recordings, with the fit that has it."""
 
-    problem: ArmProblem
     fit: ArmFit
     suspects: tuple[Suspect, ...]
 
@@ -112,19 +111,19 @@ def search(
         **{f"com_{axis}": c.BelievedValue(0.0, _COM) for axis in "xyz"},
         **{f"zero_{j + 1}": c.BelievedValue(0.0, _ZERO) for j in range(loads.n)},
     }
-    weights = _weights(loads, guess, tick)
-    problem = ArmProblem(loads, weights, beliefs(guess.rows, tolerance), shared, within=REACH)
+    weights, believed = _weights(loads, guess, tick), beliefs(guess.rows, tolerance)
+    problem = ArmProblem(loads, weights, believed, shared, within=REACH, tick=tick)
     fit = fit_arm(problem, guess, _FIRST)
     other = _limited(guess, stated)
     if not _alike(problem, guess, other):
         fit = min(fit, fit_arm(problem, other, _FIRST), key=lambda own: own.cost)
-    found = _searched(problem, fit, guess.rows, tick)
+    found = _searched(fit, guess.rows)
     other = _limited(found.fit.guess, stated)
-    if not _alike(found.problem, found.fit.guess, other):
-        moved = fit_arm(found.problem, other, GLANCE)
+    if not _alike(found.fit.problem, found.fit.guess, other):
+        moved = fit_arm(found.fit.problem, other, GLANCE)
         if moved.cost < found.fit.cost - _WORTH:
             again = fit_arm(problem, _limited(fit.guess, stated), _FIRST)
-            return _searched(problem, again, guess.rows, tick)
+            return _searched(again, guess.rows)
     return found
 
 
@@ -163,51 +162,44 @@ def _alike(problem: ArmProblem, one: ArmGuess, other: ArmGuess) -> bool:
     return all(np.array_equal(a, b) for a, b in pairs)
 
 
-def _searched(problem: ArmProblem, fit: ArmFit, stated: FloatArray, tick: float) -> Searched:
+def _searched(fit: ArmFit, stated: FloatArray) -> Searched:
     """Add what explains most, one after the other, as long as it is worth it.
 
     Args:
-        problem: In which stated values stay within their tolerances.
-        fit: Of these alone.
+        fit: Of stated values alone, which stay within their tolerances.
         stated: Constants of each joint that fits began with, (n, columns).
-        tick: Step of the encoders [rad].
     """
-    problem, fit = reweighted(problem, fit, tick)
+    fit = reweighted(fit)
     chosen = list[Suspect]()
     while len(chosen) < _MOST:
-        every = suspects_of(problem.loads, fit.guess, stated)
+        every = suspects_of(fit.problem.loads, fit.guess, stated)
         waiting = [one for one in every if not any(known.excludes(one) for known in chosen)]
-        glances = [_tried(problem, fit, one, _GLANCE) for one in waiting]
-        likely = _likely(problem, fit, waiting, glances)
-        looks = [_Look.at(problem, fit, waiting[k], glances[k], tick) for k in likely]
+        glances = [fit_arm(fit.problem, x.added(fit.guess), _GLANCE, x.affects) for x in waiting]
+        looks = [_Look.at(fit, waiting[k], glances[k]) for k in _likely(fit, waiting, glances)]
         if not looks or (best := max(looks, key=lambda look: look.worth)).worth < _WORTH:
             break
-        best = _simplest(best, looks, tick)
+        best = _simplest(best, looks)
         chosen.append(best.one)
         if best.one.effect in COUNTED:
-            problem, fit = reweighted(best.problem, best.fit, tick)
+            fit = reweighted(best.fit)
             break  # all else is better looked for where joints count as described
-        problem, fit = _converge(best.problem, best.fit, tick)
-    problem, fit, kept = _still_worth(problem, fit, chosen, tick)
+        fit = _converge(best.fit)
+    fit, kept = _still_worth(fit, chosen)
     for k, one in enumerate(kept):
         if one.effect == "payload":
-            problem, fit, kept[k] = _carried(problem, fit, one, tick)
-    problem = replace(problem, within=np.inf, over=_FINE)
-    problem, fit = reweighted(problem, fit_arm(problem, fit.guess, EVALUATIONS), tick)
-    return Searched(problem, fit, tuple(kept))
+            fit, kept[k] = _carried(fit, one)
+    free = replace(fit.problem, within=np.inf, over=_FINE)
+    return Searched(reweighted(fit_arm(free, fit.guess, EVALUATIONS)), tuple(kept))
 
 
-def _likely(
-    problem: ArmProblem, fit: ArmFit, waiting: Sequence[Suspect], glances: Sequence[ArmFit]
-) -> list[int]:
+def _likely(fit: ArmFit, waiting: Sequence[Suspect], glances: Sequence[ArmFit]) -> list[int]:
     """Return which suspects to look at: that explain most, or most of a joint's own errors.
 
     A joint that is far away errs slowly and its few independent rows say little, so that a small
     error of another joint outweighs it in nats.
     """
-    worth = [_worth(problem, fit, one, new) for one, new in zip(waiting, glances, strict=True)]
-    every = range(problem.loads.n)
-    before = [problem.cost(fit.guess, fit.errors, one.affects or every) for one in waiting]
+    worth = [_worth(fit, one, new) for one, new in zip(waiting, glances, strict=True)]
+    before = [_cost_where(one, fit) for one in waiting]
     part = [
         (old - new.cost) / max(old, 1.0) if np.isfinite(own) else -np.inf
         for own, old, new in zip(worth, before, glances, strict=True)
@@ -231,17 +223,15 @@ def _first(waiting: Sequence[Suspect], order: Sequence[int]) -> Iterator[int]:
         yield k
 
 
-def fit_without(found: Searched, one: Suspect, tick: float) -> Searched:
+def fit_without(found: Searched, one: Suspect) -> Searched:
     """Return what was found, fitted again without one suspect.
 
     Args:
         found: With it.
         one: The suspect.
-        tick: Step of the encoders [rad].
     """
-    less = fit_arm(found.problem, one.removed(found.fit.guess), GLANCE)
-    problem, fit = reweighted(found.problem, less, tick)
-    return Searched(problem, fit, tuple(other for other in found.suspects if other != one))
+    fit = reweighted(_less(found.fit, one))
+    return Searched(fit, tuple(other for other in found.suspects if other != one))
 
 
 def is_needed(found: Searched, one: Suspect) -> bool:
@@ -249,22 +239,27 @@ def is_needed(found: Searched, one: Suspect) -> bool:
 
     Constants that are fitted again without it may foretell as well, and be far from what is stated.
     """
-    return _is_worth(one, fit_arm(found.problem, one.removed(found.fit.guess), GLANCE), found.fit)
+    return _is_worth(one, _less(found.fit, one), found.fit)
+
+
+def _less(fit: ArmFit, one: Suspect) -> ArmFit:
+    """Return a fit without a suspect."""
+    return fit_arm(fit.problem, one.removed(fit.guess), GLANCE)
 
 
 def _is_worth(one: Suspect, without: ArmFit, fit: ArmFit) -> bool:
     return without.cost - fit.cost >= _WORTH + _EACH * len(one.names)
 
 
-def _simplest(best: _Look, looks: Sequence[_Look], tick: float) -> _Look:
+def _simplest(best: _Look, looks: Sequence[_Look]) -> _Look:
     """Return what explains the same of a joint with fewer constants, at the end of both fits.
 
     Looks are short, and each is judged by the errors that it leaves.
     """
     simpler = [x for x in looks if x.one.joint == best.one.joint and x.one.price < best.one.price]
-    problem, fit = _converge(best.problem, best.fit, tick) if simpler else (best.problem, best.fit)
+    fit = _converge(best.fit) if simpler else best.fit
     for look in simpler:
-        other = fit_arm(replace(problem, over=_FINE), look.fit.guess, EVALUATIONS)
+        other = fit_arm(replace(fit.problem, over=_FINE), look.fit.guess, EVALUATIONS)
         if other.cost + _EACH * look.one.price <= fit.cost + _EACH * best.one.price:
             return look
     return best
@@ -278,42 +273,36 @@ def _weights(loads: ArmLoads, guess: ArmGuess, tick: float) -> Weights:
     """
     free = frozenset((j, name) for j, names in enumerate(guess.names) for name in names)
     even = Weights(np.ones(loads.n), np.ones(loads.n))
-    start = ArmProblem(loads, even, [{} for _ in range(loads.n)])
-    problem = replace(start, weights=Weights.of(start.errors(guess), tick))
-    fit = fit_arm(problem, replace(guess, free=free), _FIRST)
+    start = ArmProblem(loads, even, [{} for _ in range(loads.n)], tick=tick)
+    fit = fit_arm(start.weighted_by(start.errors(guess)), replace(guess, free=free), _FIRST)
     return Weights.of(fit.errors, tick)
 
 
-def _still_worth(
-    problem: ArmProblem, fit: ArmFit, chosen: Sequence[Suspect], tick: float
-) -> tuple[ArmProblem, ArmFit, list[Suspect]]:
+def _still_worth(fit: ArmFit, chosen: Sequence[Suspect]) -> tuple[ArmFit, list[Suspect]]:
     """Leave out what others that joined later explain."""
     kept = list(chosen)
     for one in chosen[:-1]:
-        less = fit_arm(problem, one.removed(fit.guess), GLANCE)
+        less = _less(fit, one)
         if not _is_worth(one, less, fit):
             kept.remove(one)
-            problem, fit = reweighted(problem, less, tick)
-    return problem, fit, kept
+            fit = reweighted(less)
+    return fit, kept
 
 
-def reweighted(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
-    """Return problem and fit with weights that the errors of the fit ask for."""
-    problem = replace(problem, weights=Weights.of(fit.errors, tick))
-    fit = fit_arm(problem, fit.guess, _TRY, errors=fit.errors, deviations=True)
-    return problem, fit
+def reweighted(fit: ArmFit) -> ArmFit:
+    """Return a fit that goes on with weights that its errors ask for."""
+    problem = fit.problem.weighted_by(fit.errors)
+    return fit_arm(problem, fit.guess, _TRY, errors=fit.errors, deviations=True)
 
 
-def _carried(
-    problem: ArmProblem, fit: ArmFit, one: Suspect, tick: float
-) -> tuple[ArmProblem, ArmFit, Suspect]:
+def _carried(fit: ArmFit, one: Suspect) -> tuple[ArmFit, Suspect]:
     """Return a load on the link that explains most, given all that joined after it."""
-    others = (x for x in problem.loads.carriers if x != one.carrier)
+    others = (x for x in fit.problem.loads.carriers if x != one.carrier)
     for other in (replace(one, carrier=link) for link in others):
-        new = fit_arm(problem, other.added(one.removed(fit.guess)), EVALUATIONS)
+        new = fit_arm(fit.problem, other.added(one.removed(fit.guess)), EVALUATIONS)
         if new.cost + _inner_load(other) < fit.cost + _inner_load(one):
-            return *reweighted(problem, new, tick), other
-    return problem, fit, one
+            return reweighted(new), other
+    return fit, one
 
 
 def _inner_load(one: Suspect) -> float:
@@ -324,23 +313,15 @@ def _inner_load(one: Suspect) -> float:
     return _WORTH if one.carrier is not None else 0.0
 
 
-def _converge(problem: ArmProblem, fit: ArmFit, tick: float) -> tuple[ArmProblem, ArmFit]:
+def _converge(fit: ArmFit) -> ArmFit:
     """Return a fit that has come to its end, along valleys too: what it leaves is asked about next.
 
     Args:
-        problem: That it is of.
         fit: With a suspect that has just joined.
-        tick: Step of the encoders [rad].
     """
-    problem, fit = reweighted(problem, fit, tick)
-    fine = fit_arm(replace(problem, over=_FINE), fit.guess, EVALUATIONS, errors=fit.errors)
-    return reweighted(problem, fine, tick)
-
-
-def _tried(problem: ArmProblem, fit: ArmFit, one: Suspect, steps: int) -> ArmFit:
-    """Return a short fit that has a suspect."""
-    begun = one.added(fit.guess)
-    return fit_arm(problem, begun, steps, one.affects)
+    fit = reweighted(fit)
+    fine = fit_arm(replace(fit.problem, over=_FINE), fit.guess, EVALUATIONS, errors=fit.errors)
+    return reweighted(replace(fine, problem=fit.problem))
 
 
 @dataclass(frozen=True)
@@ -352,28 +333,28 @@ class _Look:
     """
 
     one: Suspect
-    problem: ArmProblem
     fit: ArmFit
     worth: float
 
     @classmethod
-    def at(
-        cls, problem: ArmProblem, fit: ArmFit, one: Suspect, glance: ArmFit, tick: float
-    ) -> _Look:
-        new = fit_arm(problem, glance.guess, _TRY, one.affects, glance.errors)
-        problem = replace(problem, weights=Weights.of(new.errors, tick))
+    def at(cls, fit: ArmFit, one: Suspect, glance: ArmFit) -> _Look:
+        new = fit_arm(fit.problem, glance.guess, _TRY, one.affects, glance.errors)
+        problem = fit.problem.weighted_by(new.errors)
         new = fit_arm(problem, new.guess, GLANCE, errors=new.errors)
         old = fit_arm(problem, fit.guess, GLANCE, errors=fit.errors)
-        worth = _worth(problem, old, replace(one, shared=True), new)
-        return cls(one, problem, new, worth)
+        return cls(one, new, _worth(old, replace(one, shared=True), new))
 
 
-def _worth(problem: ArmProblem, fit: ArmFit, one: Suspect, new: ArmFit) -> float:
+def _worth(fit: ArmFit, one: Suspect, new: ArmFit) -> float:
     """Return what a suspect explains beyond its constants [nat]."""
     change = new.guess.change
     if one.effect == "payload" and change.mass <= 0.0:
         return -np.inf
     if any(at_bound(name, change.value(name)) for name in new.guess.shared):
         return -np.inf
-    before = problem.cost(fit.guess, fit.errors, one.affects or range(problem.loads.n))
-    return before - new.cost - _EACH * one.price - _inner_load(one)
+    return _cost_where(one, fit) - new.cost - _EACH * one.price - _inner_load(one)
+
+
+def _cost_where(one: Suspect, fit: ArmFit) -> float:
+    """Return what the errors of a fit cost at the joints that a suspect affects [nat]."""
+    return fit.problem.cost(fit.guess, fit.errors, one.affects or range(fit.problem.loads.n))

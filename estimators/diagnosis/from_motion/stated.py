@@ -46,7 +46,7 @@ from estimators.diagnosis.settings import SOME, Z95
 from estimators.regression.evidence import REACH
 from limo_driver.model.descriptions.geometry import Inertial
 from limo_driver.physics import EncoderOffset, Payload, Simulation
-from limo_driver.recordings.channels import TORQUE, led_by
+from limo_driver.recordings.channels import TORQUE, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -115,7 +115,7 @@ def is_stated(simulation: Simulation, recordings: Sequence[Recording]) -> bool:
     """
     if None in simulation.channels:
         return False
-    served = ~led_by(TORQUE, recordings[0].channels)
+    served = ~commanded_by(TORQUE, recordings[0].channels)
     if not (gives_scale(largest_load(simulation.body, recordings)) & served).any():
         return True  # what is stated is the only scale there is, and nothing speaks against it
     recorded = tuple(range(simulation.model.n))
@@ -131,7 +131,7 @@ def _near(simulation: Simulation, recordings: Sequence[Recording], order: tuple[
     signs = dict.fromkeys((change.sign, conventions_of(body, [recorded]).best.sign))
     weight = np.abs(body.gravity_torque(recorded.position)).max(axis=0)
     weight[commanded_range([recorded]) < MOVED] = 0.0
-    weight[led_by(TORQUE, recorded.channels)] = 0.0
+    weight[commanded_by(TORQUE, recorded.channels)] = 0.0
     loaded = (
         np.flatnonzero(weight > _WELL_LOADED * weight.max()) if weight.max() > 0 else np.array([])
     )
@@ -159,12 +159,7 @@ def _apart(
 
 
 def prove_on_part(
-    simulation: Simulation,
-    recordings: Sequence[Recording],
-    found: Searched,
-    tick: float,
-    *,
-    held: bool = False,
+    simulation: Simulation, recordings: Sequence[Recording], found: Searched, *, held: bool = False
 ) -> StatedArm:
     """Fit what was found to some of the recordings alone.
 
@@ -172,16 +167,13 @@ def prove_on_part(
         simulation: What is stated.
         recordings: Of the arm, with commands.
         found: In all of them.
-        tick: Step of the encoders [rad].
         held: Whether what was found keeps its values, and all else is fitted anew. An error that
             has many hollows along an amount has others in a part of the motion.
     """
-    problem = replace(
-        found.problem, loads=ArmLoads(simulation.body, recordings, rows_of(simulation))
-    )
+    loads = ArmLoads(simulation.body, recordings, rows_of(simulation))
     guess = _holding(found) if held else found.fit.guess
-    fit = fit_arm(problem, guess, GLANCE)
-    return stated_arm(simulation, found, reweighted(problem, fit, tick)[1])
+    fit = fit_arm(replace(found.fit.problem, loads=loads), guess, GLANCE)
+    return stated_arm(simulation, found, reweighted(fit))
 
 
 def _holding(found: Searched) -> ArmGuess:
@@ -219,7 +211,7 @@ def stated_arm(simulation: Simulation, found: Searched, fit: ArmFit) -> StatedAr
         fit: That has it.
     """
     rows, change, stated = fit.guess.rows.copy(), fit.guess.change, rows_of(simulation)
-    recorded = [as_described(recording, change) for recording in found.problem.loads.recordings]
+    recorded = [as_described(recording, change) for recording in found.fit.problem.loads.recordings]
     scaled, moved = (
         gives_scale(largest_load(simulation.body, recorded)),
         commanded_range(recorded) > MOVED,
@@ -285,7 +277,7 @@ def with_intervals(simulation: Simulation, found: Searched, ticks: FloatArray) -
 
 def _between(found: Searched) -> FloatArray:
     """Return deviations of all values, by the delete-a-group jackknife."""
-    problem, fit = found.problem, found.fit
+    fit, problem = found.fit, found.fit.problem
     parts = problem.loads.parts(fit.guess.change)[0]
     block = blocks([part.time.size for part in parts])
     many = int(block.max()) + 1
@@ -308,7 +300,7 @@ def _rehearsed(simulation: Simulation, found: Searched, ticks: FloatArray) -> Fl
         found: In all recordings.
         ticks: Steps of the encoders, (n,) [rad]; 0 where none shows.
     """
-    known, change, problem = found.fit, found.fit.guess.change, found.problem
+    known, change, problem = found.fit, found.fit.guess.change, found.fit.problem
     arm = stated_arm(simulation, found, known).identified.simulation
     fine = np.where(ticks > 0.0, ticks, np.inf)
     played = []
@@ -330,7 +322,7 @@ def _not_shown(found: Searched, j: int) -> dict[str, float]:
     """
     alone = dict[str, float]()
     for name, deviation in found.fit.own[j].items():
-        prior = found.problem.priors[j].get(name)
+        prior = found.fit.problem.priors[j].get(name)
         if name in ASKED and prior is not None and (j, name) not in found.fit.guess.free:
             information = max(deviation**-2 - prior.deviation**-2, 0.0) if deviation > 0.0 else 0.0
             if information < SURE**-2:

@@ -22,7 +22,7 @@ from estimators.diagnosis.from_motion.checks.conventions import likeliest_order
 from estimators.diagnosis.from_motion.fitting.starts import (
     LIMITS,
     MOVING,
-    away,
+    mean_distance,
     start_of_limit,
     start_of_motor,
 )
@@ -280,7 +280,7 @@ def _limits(
     ones, too.
     """
     row, names = guess.rows[j], guess.names[j]
-    known = away(parts, row)
+    known = mean_distance(parts, row)
     as_stated = c.with_values(row, {name: c.value_in(stated, name) for name in names})
     limits = LIMITS if c.gain_of(row) == "kp" else ("torque_limit",)
     for limit in (*limits, "voltage_limit"):
@@ -324,4 +324,4 @@ def start_of_stiction(
         for share, pace, left in product(_AMOUNTS, _FADES, _DRY)
     ]
     base = c.with_values(row, {"delta": shape})
-    return tried[int(np.argmin([away(parts, c.with_values(base, one)) for one in tried]))]
+    return tried[int(np.argmin([mean_distance(parts, c.with_values(base, one)) for one in tried]))]

@@ -24,7 +24,7 @@ from estimators.diagnosis.from_motion.simulation.loads import loaded_joints
 from estimators.diagnosis.from_motion.simulation.plant import DRIFTS, most_torque, rows_of
 from estimators.diagnosis.quantities import of_joints, to_interval
 from estimators.diagnosis.settings import Z95
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import (
     Fit,
     Identified,
@@ -40,15 +40,13 @@ from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
     from estimators.diagnosis.from_motion.fitting.joint import JointFit
     from estimators.diagnosis.from_motion.held_out import DriveEvidence
     from estimators.diagnosis.from_motion.suspects import Suspect
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 _POSES: Final = 2000  # tried for the one that loads a joint most
 _WORTH: Final = 0.01  # [rad], sag below which nothing is said
@@ -155,9 +153,7 @@ def verdict_of(
     )
 
 
-def _above(
-    errors: FloatArray, recordings: Sequence[Recording], step: FloatArray
-) -> NDArray[np.int64]:
+def _above(errors: FloatArray, recordings: Sequence[Recording], step: FloatArray) -> IntArray:
     """Return the joints (0-based) at which errors are more than a step of the encoder.
 
     Where a recording begins to be held out, the arm moves, at a speed that no free run knows. A

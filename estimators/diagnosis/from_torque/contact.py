@@ -32,11 +32,9 @@ from limo_driver.recordings.filters.differentiation import smooth
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
     from estimators.diagnosis.from_torque.residuals.pushes import Push
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 
 def contact_of(
@@ -197,9 +195,7 @@ def _(effect: ContactIn, observed: Observations) -> Sharp:
     return ready(Response(tuple(range(observed.n)), values.T), observed)
 
 
-def _filtered(
-    effect: ExternalContact, observed: Observations, samples: NDArray[np.int64]
-) -> FloatArray:
+def _filtered(effect: ExternalContact, observed: Observations, samples: IntArray) -> FloatArray:
     motion, model = observed.motion[slice(samples[0], samples[-1] + 1)], observed.simulation.model
     total = np.zeros((len(motion), 6))
     for (start, end), wrench in zip(effect.windows, effect.wrench, strict=True):

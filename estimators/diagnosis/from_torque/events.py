@@ -20,10 +20,10 @@ from estimators.diagnosis.from_torque.fitting.settling import (
     linearisation_is_poor,
     prune_refine_simplify,
     pruned,
-    settled_around,
+    solve_around,
     suspects,
 )
-from estimators.diagnosis.from_torque.fitting.solving import having, solve
+from estimators.diagnosis.from_torque.fitting.solving import solve, with_hypotheses
 from estimators.diagnosis.from_torque.hypotheses.catalogue import every
 from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
 from estimators.diagnosis.from_torque.judgement.judgement import harmed, worse_at
@@ -79,30 +79,31 @@ def apart_from_events(
     problem: RegressionProblem, progress: Progress, budget: Budget
 ) -> tuple[JudgedSet, Events]:
     """Return the set that is found beside events, fitted to none of their rows, and those."""
-    first = problem
-    problem, solution = solve(problem, progress)
-    known = _events(problem, problem.under(solution), problem.left(solution.fitted))
+    solution = solve(problem, progress)
+    known = _events(
+        solution.problem, solution.problem.under(solution), solution.problem.left(solution.fitted)
+    )
     if known:
-        problem, solution = _without(problem, known, progress)
+        solution = _without(solution.problem, known, progress)
     found = budget.within(
         "values that are not linear, and simpler laws",
-        lambda: prune_refine_simplify(problem, solution, progress),
+        lambda: prune_refine_simplify(solution, progress),
         None,
     )
-    problem, solution = found or (problem, pruned(problem, solution))
-    judged, seen = _round(problem, solution, progress, budget)
+    solution = found or pruned(solution)
+    judged, seen = _round(solution, progress, budget)
     for _ in range(SOLVING.rounds):
         hidden = tuple(event for event in seen if not _among(event, known))
         if not hidden:
             break
-        again = partial(_once_more, problem, (*known, *hidden), progress, budget)
+        again = partial(_once_more, solution.problem, (*known, *hidden), progress, budget)
         more = budget.within("events that larger errors hid", again, None)
         if more is None:
             break
-        known, (problem, judged, seen) = (*known, *hidden), more
+        known, (solution, judged, seen) = (*known, *hidden), more
     sought = known
     while (held := tuple(event for event in known if _among(event, seen))) != known:
-        again = partial(_once_more, first, held, progress, budget)
+        again = partial(_once_more, problem, held, progress, budget)
         more = budget.within("rows on which effects feigned an event", again, None)
         if more is None:
             break
@@ -113,30 +114,28 @@ def apart_from_events(
 
 def _once_more(
     problem: RegressionProblem, known: tuple[Event, ...], progress: Progress, budget: Budget
-) -> tuple[RegressionProblem, JudgedSet, tuple[Event, ...]]:
-    """Solve, settle and judge without the rows of events; return the problem with both results."""
-    problem, solution = prune_refine_simplify(*_without(problem, known, progress), progress)
-    return problem, *_round(problem, solution, progress, budget)
+) -> tuple[Solution, JudgedSet, tuple[Event, ...]]:
+    """Solve, settle and judge without the rows of events; return the settled set with both."""
+    solution = prune_refine_simplify(_without(problem, known, progress), progress)
+    return solution, *_round(solution, progress, budget)
 
 
-def _without(
-    problem: RegressionProblem, known: Sequence[Event], progress: Progress
-) -> tuple[RegressionProblem, Solution]:
+def _without(problem: RegressionProblem, known: Sequence[Event], progress: Progress) -> Solution:
     """Leave the rows of events out, and solve again."""
     return solve(problem.undisturbed(covered(problem.observed, known)), progress)
 
 
 def _round(
-    problem: RegressionProblem, solution: Solution, progress: Progress, budget: Budget
+    solution: Solution, progress: Progress, budget: Budget
 ) -> tuple[JudgedSet, tuple[Event, ...]]:
     """Judge a settled set; return it with the events that are seen in what it leaves."""
     progress("proving on held-out motion", 0.8)
-    judged = around(JudgedSet.of(problem, solution), progress, budget)
+    judged = around(JudgedSet.of(solution), progress, budget)
     judged = budget.within("a delay of all of it", lambda: in_time(judged, progress), judged)
     judged = budget.within(
         "laws that joints seldom follow", lambda: with_seldom_laws(judged, progress), judged
     )
-    return judged, _events(problem, judged.beside, judged.proven)
+    return judged, _events(solution.problem, judged.beside, judged.proven)
 
 
 def _events(problem: RegressionProblem, fit: Observations, left: FloatArray) -> tuple[Event, ...]:
@@ -161,13 +160,11 @@ def around(judged: JudgedSet, progress: Progress, budget: Budget) -> JudgedSet:
 
 def _best(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found around a set, where that may differ and predicts no worse."""
-    problem, solution = judged.problem, judged.solution
+    solution, predictable = judged.solution, judged.remaining.clearly_predictable
     several = len(solution.members) >= ROUNDS.several
-    if not (several or judged.remaining.clearly_predictable.any()) or not linearisation_is_poor(
-        problem, solution
-    ):
+    if not (several or predictable.any()) or not linearisation_is_poor(solution):
         return judged
-    return judged.or_better(JudgedSet.of(*settled_around(problem, solution, progress)))
+    return judged.or_better(JudgedSet.of(solve_around(solution, progress)))
 
 
 def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
@@ -175,13 +172,13 @@ def in_time(judged: JudgedSet, progress: Progress) -> JudgedSet:
 
     It counts if it names a delay, leaves less unknown than before, or serves where that does not.
     """
-    late = with_torque_delay(judged.problem, judged.solution, judged.unknown)
+    late = with_torque_delay(judged.solution, judged.unknown)
     if late is None:
         return judged
-    again = JudgedSet.of(*settled_around(*late, progress))
+    again = JudgedSet.of(solve_around(late, progress))
     # times that are tried lie far apart: what stood for the difference to the true one goes, or is
     # another effect, but there is no more than before
-    nearer = JudgedSet.of(*settled_around(again.problem, again.solution, progress))
+    nearer = JudgedSet.of(solve_around(again.solution, progress))
     larger = len(nearer.solution.members) > len(again.solution.members)
     if not larger and not worse_at(nearer.problem, nearer.proven, again.proven, again.remaining):
         again = nearer
@@ -200,8 +197,8 @@ def with_seldom_laws(judged: JudgedSet, progress: Progress) -> JudgedSet:
     """Return what is found among laws that seldom hold, where that leaves less unexplained."""
     if not judged.unexplained:
         return judged
-    problem = having(judged.problem, every(judged.problem.observed, seldom=True))
-    again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
+    problem = with_hypotheses(judged.problem, every(judged.problem.observed, seldom=True))
+    again = JudgedSet.of(prune_refine_simplify(solve(problem, progress), progress))
     laws = (again.problem.candidates[member].hypothesis for member in again.named)
     found = any(law is not None and law.seldom for law in laws)
     return judged.or_better(again) if found and again.unexplained < judged.unexplained else judged
@@ -216,11 +213,11 @@ def beyond_tolerances(judged: JudgedSet, progress: Progress, budget: Budget) -> 
     finding, and may bring no other name with it.
     """
     problem, solution = judged.problem, judged.solution
-    held = suspects(problem, solution, judged.unknown)
+    held = suspects(solution, judged.unknown)
     if not held or harmed(problem, judged.proven, judged.remaining):
         return judged
     problem = (problem.first or problem).as_stated(problem.nuisance.of(held))
-    again = JudgedSet.of(*prune_refine_simplify(*solve(problem, progress), progress))
+    again = JudgedSet.of(prune_refine_simplify(solve(problem, progress), progress))
     again = around(again, progress, budget)
     found = again.places(again.findings)
     if not found <= judged.places(solution.members) | held:

@@ -181,7 +181,7 @@ def _concluded(
     if final is not keep:
         keep, judged, improved = final, final.judged, final.improved
         verdict = _verdict(given, judged, fit, contact, attempts, named)
-    shifts, after = shifts_of(problem, solution), _lasting(keep, simulation)
+    shifts, after = shifts_of(solution), _lasting(keep, simulation)
     passing = {display_name(e.name) for e in improved.simulation.effects if e not in after.effects}
     remarked = remarks(
         shifts,
@@ -204,7 +204,7 @@ def _concluded(
         ),
         (),
     )
-    tolerances = left_by_tolerances(problem, solution)
+    tolerances = left_by_tolerances(solution)
     found = Diagnosis(
         verdict=replace(
             verdict,
@@ -225,9 +225,9 @@ def _concluded(
         recordings=observed.recordings,
         traces=replace(_traces(problem, tolerances, improved.simulated), before=given.simulated),
         explanations=attempts.at(
-            "what competed", lambda: explanations_of(problem, solution, remaining.floor), ()
+            "what competed", lambda: explanations_of(solution, remaining.floor), ()
         ),
-        tests=attempts.at("nested tests", lambda: tests_of(problem, solution), ()),
+        tests=attempts.at("nested tests", lambda: tests_of(solution), ()),
         shifts=shifts,
         bandwidth=observed.bandwidth,
     )
@@ -246,13 +246,12 @@ def _verdict(
     problem, solution = judged.problem, judged.solution
     mounted = (problem.first or problem).observed.simulation
     verdict = conclude(
-        problem,
         solution,
         judged.remaining,
         named,
         judged.unknown,
         judged.proven,
-        left_by_tolerances(problem, solution),
+        left_by_tolerances(solution),
         contact,
     )
     if given.simulation.body.gravity != mounted.body.gravity:

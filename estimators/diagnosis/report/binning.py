@@ -10,14 +10,14 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from estimators.diagnosis.settings import FEW, TAIL, TINY
-from estimators.diagnosis.settings.afterwards import BINS
+from estimators.diagnosis.settings.judgement import BINS
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.result import Traces
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -109,11 +109,11 @@ def residual_map(
     )
 
 
-def _inside(values: FloatArray, edges: FloatArray) -> NDArray[np.bool_]:
+def _inside(values: FloatArray, edges: FloatArray) -> BoolArray:
     return (values >= edges[0]) & (values <= edges[-1])
 
 
-def _bins(values: FloatArray, edges: FloatArray) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+def _bins(values: FloatArray, edges: FloatArray) -> tuple[NDArray[np.intp], BoolArray]:
     """Return the bin of each value within the edges, and which those are, (K,)."""
     rows = _inside(values, edges)
     which = np.searchsorted(edges, values[rows], side="right") - 1

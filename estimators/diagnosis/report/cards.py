@@ -9,7 +9,7 @@ import numpy as np
 from estimators.diagnosis.headline import is_of_bodies, named, place_of, quantity_of
 from estimators.diagnosis.quantities import of_joints, rounded, to_interval
 from estimators.diagnosis.settings import LEVEL
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Interval
 from limo_driver.model.units import unit_of
 from limo_driver.pages.figures import AFTER, curve, layout

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.result import Explanation, Replay, Shift, Traces
     from estimators.diagnosis.verdict import Fit
     from limo_driver.pages.markup import Figure
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 TOLERANCES = "#2f9e6f"
 _BANDS = {
@@ -317,12 +317,7 @@ def _joins(traces: Traces) -> list[float]:
 
 
 def _faded(
-    x: FloatArray,
-    y: FloatArray,
-    moving: NDArray[np.bool_],
-    name: str,
-    colour: str,
-    width: float = LINE,
+    x: FloatArray, y: FloatArray, moving: BoolArray, name: str, colour: str, width: float = LINE
 ) -> list[Figure]:
     """Return a curve that is pale where the joint is near rest."""
     pale = {"opacity": _FADED, "showlegend": False, "hoverinfo": "skip"}

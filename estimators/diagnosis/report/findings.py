@@ -24,7 +24,7 @@ from estimators.diagnosis.report import figures
 from estimators.diagnosis.report.cards import cards, error_of
 from estimators.diagnosis.result import WORSE, columns_of, coverage
 from estimators.diagnosis.settings import LITTLE
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, UNKNOWN, Finding, Fit, Verdict
 from limo_driver.pages.arm import ArmView, Ghost, Pin, PlayedMotion, PushArrow, arm_view
 from limo_driver.pages.figures import DRAWN
@@ -71,7 +71,7 @@ def overview(diagnosis: DiagnosisResult, charts: Charts, between: str = "") -> s
         f"of {diagnosis.bandwidth:g} Hz.",
         badge=badge(verdict),
     )
-    to_do = put(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
+    to_do = export_instructions(diagnosis.before, diagnosis.after, verdict) + _next(verdict)
     rest = [note for note in verdict.notes if note not in verdict.doubts]
     parts = (
         errors(verdict, charts)
@@ -116,7 +116,7 @@ def _next(verdict: Verdict) -> str:
     return f'<p>{escape(asked)}<a href="#next">the motion to record next</a>.</p>'
 
 
-def put(before: Simulation, after: Simulation, verdict: Verdict) -> str:
+def export_instructions(before: Simulation, after: Simulation, verdict: Verdict) -> str:
     """Return how to get what was found into a simulator; nothing where nothing changes."""
     values = after.changes_from(before)
     if not values:

@@ -12,7 +12,7 @@ from estimators.diagnosis.report import figures, sections
 from estimators.diagnosis.report.findings import arm, overview
 from estimators.diagnosis.report.truth import beside_the_truth
 from estimators.diagnosis.result import coverage, hardly_shown
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, IMPROVED, NEXT_MOTION, Finding, Verdict
 from estimators.telemetry import telemetry_in
 from limo_driver.model.units import unit_of

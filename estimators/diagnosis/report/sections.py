@@ -27,8 +27,8 @@ from estimators.diagnosis.result import (
     Replay,
     identified_columns,
 )
-from estimators.diagnosis.settings.afterwards import LOOPS, WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
+from estimators.diagnosis.settings.judgement import LOOPS, WORDING
 from estimators.diagnosis.verdict import CONTACT, Finding, Verdict
 from estimators.regression.evidence import REACH
 from limo_driver.model.units import unit_of

@@ -9,7 +9,7 @@ import numpy as np
 
 from estimators.diagnosis.headline import MOST, headline, place_of, quantity_of, values_of
 from estimators.diagnosis.quantities import in_words, of_several, rounded
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Interval, Verdict
 from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page

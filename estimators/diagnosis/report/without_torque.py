@@ -20,7 +20,7 @@ from estimators.diagnosis.report.cards import cards
 from estimators.diagnosis.report.findings import GIVEN_ARM, IMPROVED_ARM, pins
 from estimators.diagnosis.report.page import unobservable
 from estimators.diagnosis.report.sections import identified, stated_values
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
 from limo_driver.pages.figures import (
@@ -89,7 +89,7 @@ def drive_report(found: DriveResult) -> Page:
     view, drawn = _arm(found, found.replay) if found.replay else (None, "")
     body = (
         head
-        + shared.put(found.before, found.after, verdict)
+        + shared.export_instructions(found.before, found.after, verdict)
         + drawn
         + shared.errors(verdict, charts)
         + _from_rows(verdict)

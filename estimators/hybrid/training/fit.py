@@ -25,12 +25,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import torch
-    from numpy.typing import NDArray
 
     from estimators.hybrid.features import Features
     from estimators.hybrid.training.passes import Passes
     from estimators.neural.modules import Module
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _PATIENCE: Final = 5  # epochs without a lower training loss before the learning rate is halved
 _SLOWEST: Final = 1e-3  # of the initial learning rate; below, nothing changes any more
@@ -342,7 +341,7 @@ def carry_over(
     return CarryOver(gain, np.sqrt(error / count) if count else np.full(n, np.nan))
 
 
-def _folds(data: TrainingData, folds: int) -> Iterator[NDArray[np.bool_]]:
+def _folds(data: TrainingData, folds: int) -> Iterator[BoolArray]:
     """Give the rows of each fold: whole recordings when there are enough, else parts of each."""
     fold = np.empty(len(data.use), np.int64)
     for i, rows in enumerate(data.recordings):
@@ -353,7 +352,7 @@ def _folds(data: TrainingData, folds: int) -> Iterator[NDArray[np.bool_]]:
         yield fold == number
 
 
-def _without(data: TrainingData, rows: NDArray[np.bool_]) -> TrainingData:
+def _without(data: TrainingData, rows: BoolArray) -> TrainingData:
     """Leave rows out, and clip all inputs to the range that is left."""
     use = np.where(rows, LEFT_OUT, data.use).astype(np.int8)
     seen = data.inputs[use == TRAINING]

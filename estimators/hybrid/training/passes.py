@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from estimators.neural.modules import Memory, Module
+    from limo_driver.types import BoolArray, IntArray
 
 _FEWEST_CHUNKS: Final = 4  # in the longest stretch, even of a short recording
 LARGEST_GRADIENT: Final = 1.0  # norm
@@ -67,7 +68,7 @@ class Passes(ABC):
         """Draw which of every `stride` rows are used: each epoch sees others."""
         return int(self.random.integers(self.data.stride))
 
-    def _on_device(self, values: NDArray[np.int64]) -> Tensor:
+    def _on_device(self, values: IntArray) -> Tensor:
         return torch.from_numpy(values).to(self.device)
 
 
@@ -131,9 +132,7 @@ class SequencePasses(Passes):
                 held_out.append(_mean_at(squares, use == HELD_OUT))
         return _mean(training), _mean(held_out)
 
-    def _scan(
-        self, module: Module, rows: NDArray[np.int64]
-    ) -> Iterator[tuple[Tensor, NDArray[np.int8]]]:
+    def _scan(self, module: Module, rows: IntArray) -> Iterator[tuple[Tensor, NDArray[np.int8]]]:
         """Give the squared errors (B, length, n) of each batch and sequence, and who sees which."""
         for first in range(0, len(rows), self.batch):
             batch, memory = rows[first : first + self.batch], None
@@ -142,13 +141,11 @@ class SequencePasses(Passes):
                 predicted, memory = self._predict(module, part, memory)
                 yield (predicted - self._gather(self.targets, part)) ** 2, self.data.use[part]
 
-    def _predict(
-        self, module: Module, rows: NDArray[np.int64], memory: Memory
-    ) -> tuple[Tensor, Memory]:
+    def _predict(self, module: Module, rows: IntArray, memory: Memory) -> tuple[Tensor, Memory]:
         """Give the outputs (B, length, n) for rows (B, length) and the memory after them."""
         return module(self._gather(self.inputs, rows), memory)
 
-    def _gather(self, values: Tensor, rows: NDArray[np.int64]) -> Tensor:
+    def _gather(self, values: Tensor, rows: IntArray) -> Tensor:
         """Return (B, length, d); `index_select` copies whole rows, which indexing does not."""
         flat = values.index_select(0, self._on_device(rows.reshape(-1)))
         return flat.reshape(*rows.shape, values.shape[1])
@@ -162,10 +159,10 @@ class SequencePasses(Passes):
             return slice(rows.start, rows.start)
         return slice(rows.start + int(used[0]), rows.start + int(used[-1]) + 1)
 
-    def _starts(self) -> NDArray[np.int64]:
+    def _starts(self) -> IntArray:
         """Cut each stretch into chunks, from a random row on unless they are fixed."""
         span = self.chunk * self.data.stride
-        starts: list[NDArray[np.int64]] = []
+        starts: list[IntArray] = []
         for rows in self.stretches:
             spare = rows.stop - rows.start - span
             if spare >= 0:
@@ -196,7 +193,7 @@ class BlockPasses(SequencePasses):
     def _predict(
         self,
         module: Module,
-        rows: NDArray[np.int64],
+        rows: IntArray,
         memory: Memory,  # noqa: ARG002  # starts anew
     ) -> tuple[Tensor, Memory]:
         before = torch.nn.functional.pad(self._gather(self.given, rows)[:, :-1], (0, 0, 1, 0))
@@ -205,7 +202,7 @@ class BlockPasses(SequencePasses):
         return y, None
 
 
-def _mean_at(squares: Tensor, where: NDArray[np.bool_]) -> tuple[Tensor, int]:
+def _mean_at(squares: Tensor, where: BoolArray) -> tuple[Tensor, int]:
     """Return the mean of squares (B, T, n) over the samples (B, T) that count, and how many do."""
     count = int(where.sum())
     if count == where.size:
@@ -250,7 +247,7 @@ class RowPasses(Passes):
             largest_gradient=LARGEST_GRADIENT,
         )
 
-        def train(batches: NDArray[np.int64]) -> float:
+        def train(batches: IntArray) -> float:
             loss = descend(*fixed, batches, moments, int(states[0]["step"]), constants)
             for state in states:
                 state["step"] += len(batches)
@@ -260,7 +257,7 @@ class RowPasses(Passes):
             training = self._mean(self.random.permutation(rows), train)
             return training, self._mean(self.held_out, lambda rows: mean_square(*fixed, rows))
 
-    def _mean(self, rows: NDArray[np.int64], loss: Callable[[NDArray[np.int64]], float]) -> float:
+    def _mean(self, rows: IntArray, loss: Callable[[IntArray], float]) -> float:
         """Return the mean of the loss over all rows in whole batches, and the rest in one."""
         rows = np.ascontiguousarray(rows)  # others would be compiled for, too
         whole = len(rows) // self.batch * self.batch

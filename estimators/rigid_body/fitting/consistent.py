@@ -34,10 +34,8 @@ from limo_driver.errors import DivergedError
 from limo_driver.model.descriptions.geometry import Inertial
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.rigid_body.fitting.extent import Extent
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _ITERATIONS = 2000  # contradictory data, such as torques without inertia, took 400
 _DECREMENT = 1e-10  # Newton decrement at which the minimum is reached
@@ -86,8 +84,8 @@ def fit_consistent(
     nominal: FloatArray,
     links: int,
     tolerance: float,
-    positive: NDArray[np.bool_],
-    absent: NDArray[np.bool_],
+    positive: BoolArray,
+    absent: BoolArray,
     start: FloatArray | None = None,
     extent: Extent | None = None,
 ) -> ConsistentFit:
@@ -206,7 +204,7 @@ class _Problem:
         hessian[:size, :size] = blocks.reshape(size, size)
         return hessian
 
-    def spread(self, phi: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    def spread(self, phi: FloatArray, free: BoolArray) -> FloatArray:
         """Return D (m, p), with Dᵀ D the covariance of the parameters at the minimum."""
         inverse = self._inverse(phi, free)
         of_data = root_of(self.data.spread[np.ix_(free, free)])
@@ -215,7 +213,7 @@ class _Problem:
         result[:, free] = spread
         return result
 
-    def _inverse(self, phi: FloatArray, free: NDArray[np.bool_]) -> RegularisedInverse:
+    def _inverse(self, phi: FloatArray, free: BoolArray) -> RegularisedInverse:
         """Return the inverse of the Hessian in the free parameters."""
         size, each = PER_LINK * self.links, np.arange(self.links)
         roots = metric_root(phi[:size].reshape(self.links, PER_LINK), self.basis)
@@ -226,7 +224,7 @@ class _Problem:
         F = np.concatenate([of_bodies, np.diag(np.sqrt(self.ridge))[size:]])
         return RegularisedInverse.of(self.data.gram[np.ix_(free, free)], F[:, free])
 
-    def log_evidence(self, phi: FloatArray, present: NDArray[np.bool_]) -> float:
+    def log_evidence(self, phi: FloatArray, present: BoolArray) -> float:
         """Integrate likelihood and prior over the parameters by Laplace's approximation.
 
         The prior of one link has the normaliser exp(4 a) a^(-4 b) Γ₄(b), with a = 1 / tolerance²
@@ -240,13 +238,13 @@ class _Problem:
         volume = 0.5 * self._inverse(phi, present).log_determinant
         return -self.value(phi) - self.links * normaliser + volume
 
-    def _scaled(self, phi: FloatArray, free: NDArray[np.bool_]) -> tuple[FloatArray, FloatArray]:
+    def _scaled(self, phi: FloatArray, free: BoolArray) -> tuple[FloatArray, FloatArray]:
         """Return the Hessian with a diagonal of ones, and the scale that made it so."""
         H = self.hessian(phi)[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.diag(H))
         return H * np.outer(scale, scale), scale
 
-    def approach(self, nominal: FloatArray, free: NDArray[np.bool_]) -> FloatArray:
+    def approach(self, nominal: FloatArray, free: BoolArray) -> FloatArray:
         """Follow the minimum in the free parameters from stiffer bodies nearly to the wanted ones.
 
         Straight from the nominal bodies, Newton's steps may end at bodies that hardly exist, and
@@ -262,7 +260,7 @@ class _Problem:
             stiffer = replace(stiffer, precision=stiffer.precision / _STIFFER)
         return phi
 
-    def step(self, phi: FloatArray, free: NDArray[np.bool_], gradient: FloatArray) -> FloatArray:
+    def step(self, phi: FloatArray, free: BoolArray, gradient: FloatArray) -> FloatArray:
         """Return Newton's step (p,) in the free parameters, down a gradient (p,)."""
         step = np.zeros(phi.size)
         H, scale = self._scaled(phi, free)
@@ -278,9 +276,7 @@ class _Problem:
         turned = lower @ self.bodies(step) @ lower.swapaxes(1, 2)
         return np.asarray(np.linalg.eigvalsh(turned), dtype=np.float64)
 
-    def minimise(
-        self, phi: FloatArray, free: NDArray[np.bool_], until: float = _DECREMENT
-    ) -> FloatArray:
+    def minimise(self, phi: FloatArray, free: BoolArray, until: float = _DECREMENT) -> FloatArray:
         """Take damped Newton steps in the free parameters until the decrement is small.
 
         By how much a step lowers the cost is no difference of two costs: of exact data, a cost is

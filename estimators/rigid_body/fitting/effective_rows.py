@@ -30,12 +30,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from limo_driver.types import FloatArray, Motion
+from limo_driver.types import BoolArray, FloatArray, IntArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from estimators.rigid_body.regressor import RegressorChain
     from limo_driver.recordings.recording import Recording
@@ -55,8 +53,8 @@ class ThinnedRows:
     motion: Motion  # T samples
     own: FloatArray  # (T, n, own), columns of the joint terms
     torque: FloatArray  # (T, n) [N m]
-    use: NDArray[np.bool_]  # (T, n)
-    block: NDArray[np.int64]  # (T,), counts blocks of time
+    use: BoolArray  # (T, n)
+    block: IntArray  # (T,), counts blocks of time
 
     @classmethod
     def joined(cls, parts: Sequence[ThinnedRows]) -> ThinnedRows:
@@ -75,12 +73,12 @@ class ThinnedRows:
             np.cumsum(np.concatenate(new)) - 1,
         )
 
-    def choose(self, columns: NDArray[np.int64]) -> ThinnedRows:
+    def choose(self, columns: IntArray) -> ThinnedRows:
         """Return the rows with some of the joint terms' columns, (n, terms) for each joint."""
         return replace(self, own=np.take_along_axis(self.own, columns[None], axis=2))
 
 
-def blocks_of(recording: Recording) -> NDArray[np.int64]:
+def blocks_of(recording: Recording) -> IntArray:
     """Count blocks of `REMEMBERED` seconds, none across a gap; (T,)."""
     count = np.floor((recording.time - recording.time[0]) / REMEMBERED)
     new = np.diff(count, prepend=count[0]) != 0
@@ -136,7 +134,7 @@ def _design_effect(scores: FloatArray, expected: FloatArray) -> float:
     return float(np.sum(whitened**2)) / int(apart.sum())
 
 
-def fold_of(recording: Recording) -> NDArray[np.int64]:
+def fold_of(recording: Recording) -> IntArray:
     """Return which fold each sample of a recording is in, (T,)."""
     time = recording.time - recording.time[0]
     block = min(_LONGEST, recording.duration / FOLDS)

@@ -11,12 +11,10 @@ from estimators.regression.definite import RegularisedInverse, SymmetricSpectrum
 from estimators.rigid_body.fitting.effective_rows import FOLDS
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.rigid_body.base_parameters import BaseParameters
     from estimators.rigid_body.fitting.normal_equations import ArmEquations
     from estimators.rigid_body.terms import JointTerms
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _ROUNDS = 20  # of reweighting, at most
 _ALIKE = 1e-6  # relative difference of errors that does not tell one width from another
@@ -33,7 +31,7 @@ class BaseFit:
 
     parameters: FloatArray  # (b,)
     spread: FloatArray  # D, with Dᵀ D the covariance (b, b): of errors as they last, and of folds
-    shown: NDArray[np.bool_]  # (b,), parameters of which the motion says more than the prior
+    shown: BoolArray  # (b,), parameters of which the motion says more than the prior
     effective: FloatArray  # (n,), independent rows that each joint's rows are worth
     rmse: FloatArray  # (n,) [N m], in sample
     weight: FloatArray  # (n,) [1/(N m)²], of each row of a joint beside a prior

@@ -30,12 +30,10 @@ from limo_driver.runtime.parameters import Declared, parameter
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.rigid_body.terms import JointTerms
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 CHUNK = 1024  # samples whose regressor is held at a time; it stays in the processor's cache
 BLOCK = 65536  # samples filtered at a time
@@ -178,14 +176,14 @@ def accumulate(
 class _Places:
     """Times of samples, each array (T,)."""
 
-    block: NDArray[np.int64]  # of time, longer than errors remember
-    fold: NDArray[np.int64]
+    block: IntArray  # of time, longer than errors remember
+    fold: IntArray
 
     def __getitem__(self, rows: slice) -> _Places:
         return _Places(self.block[rows], self.fold[rows])
 
 
-def _chunks(fold: NDArray[np.int64]) -> Iterator[slice]:
+def _chunks(fold: IntArray) -> Iterator[slice]:
     """Cut rows into chunks of one fold each."""
     ends = [*(np.flatnonzero(np.diff(fold)) + 1).tolist(), fold.size]
     start = 0
@@ -232,12 +230,7 @@ class _Sums:
             yield stop - start
 
     def _add_block(
-        self,
-        piece: Recording,
-        use: NDArray[np.bool_],
-        places: _Places,
-        measured: NDArray[np.bool_],
-        rows: Rows,
+        self, piece: Recording, use: BoolArray, places: _Places, measured: BoolArray, rows: Rows
     ) -> None:
         smoothed = piece.motion(rows.bandwidth)
         step = max(1, int(piece.rate / (_DENSE * rows.bandwidth)))

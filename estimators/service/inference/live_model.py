@@ -15,10 +15,8 @@ from limo_driver.recordings.filters.causal_differentiation import RATE_TOLERANCE
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.stream import LiveEstimate, Stream, StreamState
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _STATES: Final = 101  # from which the rate is found
 _MOST: Final = 90  # % of steps, which are no stall, however uneven
@@ -201,11 +199,7 @@ class Answer:
     """
 
     def __init__(
-        self,
-        torque: FloatArray,
-        std: FloatArray,
-        external: FloatArray,
-        outside: NDArray[np.bool_],
+        self, torque: FloatArray, std: FloatArray, external: FloatArray, outside: BoolArray
     ) -> None:
         self.torque, self.std, self.external, self.outside = torque, std, external, outside
         self.clipped = False  # the learned part was beyond its bound
@@ -345,12 +339,7 @@ class Window:
         self.contacts = 0  # that began or ended
 
     def add(
-        self,
-        answer: Answer,
-        in_contact: NDArray[np.bool_],
-        unturned: NDArray[np.bool_],
-        *,
-        known: bool,
+        self, answer: Answer, in_contact: BoolArray, unturned: BoolArray, *, known: bool
     ) -> None:
         """Add an answer.
 
@@ -383,9 +372,9 @@ class Window:
 @compiled(reads=("external", "outside", "in_contact", "unturned"))
 def _sum_up(
     external: FloatArray,
-    outside: NDArray[np.bool_],
-    in_contact: NDArray[np.bool_],
-    unturned: NDArray[np.bool_],
+    outside: BoolArray,
+    in_contact: BoolArray,
+    unturned: BoolArray,
     known: bool,
     squares: FloatArray,
     samples: FloatArray,

@@ -33,11 +33,9 @@ from limo_driver.errors import ShapeError
 from limo_driver.runtime.plugins import require_package
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.service.inference.arm_service import ArmService
     from estimators.service.inference.live_model import Window
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 STEP: Final = 0.7  # of the logarithm, that does not count as a change
 FEWEST: Final = 120  # windows, before which the mean is not known well enough, by default
@@ -80,7 +78,7 @@ class DriftDetector:
         self._mean = np.zeros(self.n)  # of the logarithm
         self.windows = np.zeros(self.n, dtype=np.int64)  # taken
 
-    def step(self, mean_square: FloatArray, usable: NDArray[np.bool_]) -> tuple[int, ...]:
+    def step(self, mean_square: FloatArray, usable: BoolArray) -> tuple[int, ...]:
         """Take the mean squared residual of a window, and return the joints that drift, 1-based.
 
         Args:

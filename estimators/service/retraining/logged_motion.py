@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from limo_driver.logs.mcap_file import LoggedMessage
+    from limo_driver.types import BoolArray, IntArray
 
 _NANOSECONDS: Final = 1e9
 _SLACK: Final = 60.0  # [s] between clocks, and of what is about to be written
@@ -47,7 +48,7 @@ class Span:
     rate: float | None = None  # [Hz] of the states; that of the newest ones if not given
     until_ns: int | None = None  # [ns], stamp of the newest state; the newest logged if not given
 
-    def holds(self, stamps: NDArray[np.int64], folder: Path) -> NDArray[np.bool_]:
+    def holds(self, stamps: IntArray, folder: Path) -> BoolArray:
         """Return which stamps (T,) [ns], in order, are in it.
 
         What seems to come from the future was logged before a clock was set back.
@@ -105,7 +106,7 @@ class Contacts:
             case _:
                 pass
 
-    def free(self, stamps: NDArray[np.int64], margin_ns: float) -> NDArray[np.bool_]:
+    def free(self, stamps: IntArray, margin_ns: float) -> BoolArray:
         """Return which stamps (T,) [ns] are farther than a margin from every contact."""
         free = np.ones(stamps.shape, dtype=bool)
         for first, last in [*self.intervals, *((first, np.inf) for first in self._open.values())]:
@@ -220,7 +221,7 @@ class LoggedRates:
             self._stamps.append(message.publish_time_ns)
             self._numbers.append(message.sequence)
 
-    def newest(self, stamps: NDArray[np.int64]) -> float:
+    def newest(self, stamps: IntArray) -> float:
         """Return the rate of the last states that have one [Hz]; NaN if none has.
 
         Args:
@@ -230,7 +231,7 @@ class LoggedRates:
         known = np.flatnonzero(np.isin(logged, stamps) & np.isfinite(interval))
         return float(_PER_SECOND / interval[known[-1]]) if known.size else np.nan
 
-    def of_rate(self, stamps: NDArray[np.int64], rate: float) -> NDArray[np.bool_]:
+    def of_rate(self, stamps: IntArray, rate: float) -> BoolArray:
         """Return which stamps (T,) [ns] are of states that came at a rate [Hz], beyond doubt."""
         from scipy.ndimage import minimum_filter1d  # slow to import; a service begins without
 
@@ -240,7 +241,7 @@ class LoggedRates:
             near[first:stop] = minimum_filter1d(near[first:stop], 2 * _BLURRED + 1, mode="nearest")
         return np.isin(stamps, logged[near])
 
-    def twice(self, stamps: NDArray[np.int64]) -> NDArray[np.bool_]:
+    def twice(self, stamps: IntArray) -> BoolArray:
         """Return which stamps (T,) [ns] lie where the clock ran twice, since it was set back."""
         logged, found = np.array(self._stamps, dtype=np.int64), np.zeros(stamps.shape, dtype=bool)
         back = np.flatnonzero(np.diff(logged) < 0) + 1
@@ -261,7 +262,7 @@ class LoggedRates:
         return [0, *ends.tolist(), len(self._stamps)] if self._stamps else [0]
 
     @property
-    def _intervals(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    def _intervals(self) -> tuple[IntArray, NDArray[np.float64]]:
         """Return stamps [ns] and the time from one state to the next around each [ns]."""
         from scipy.ndimage import median_filter  # as above
 

@@ -11,8 +11,8 @@ from limo_driver.app.console.terminal import (
     Machines,
     OnOption,
     WorkersOption,
+    progress_lines,
     terminal,
-    told_progress,
 )
 
 command = typer.Typer(no_args_is_help=True, rich_markup_mode=None)
@@ -54,7 +54,7 @@ def diagnose(
     from limo_driver.app.library.fleets import diagnose_fleet
 
     notes = terminal(stderr=True, soft_wrap=True)
-    with told_progress(notes, "diagnosing") as tell:
+    with progress_lines(notes, "diagnosing") as tell:
         found = diagnose_fleet(
             recordings,
             sim,

@@ -12,8 +12,8 @@ from limo_driver.app.console.terminal import (
     Machines,
     OnOption,
     WorkersOption,
+    progress_lines,
     terminal,
-    told_progress,
 )
 
 
@@ -48,7 +48,7 @@ def command(
     from limo_driver.app.library.simulating import simulate_dataset
 
     notes = terminal(stderr=True, soft_wrap=True)
-    with told_progress(notes, "simulating") as tell:
+    with progress_lines(notes, "simulating") as tell:
         made = simulate_dataset(
             sim,
             trajectories,

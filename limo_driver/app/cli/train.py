@@ -24,8 +24,8 @@ from limo_driver.app.console.terminal import (
     print_notes,
     progress,
     progress_bar,
+    progress_lines,
     terminal,
-    told_progress,
 )
 from limo_driver.model.units import unit_of
 from limo_driver.runtime.outputs import require_folder
@@ -166,7 +166,7 @@ def command(
         simulation, measured = _load(recordings, sim, out, mapping)
         tests = [read(path, simulation.model, mapping) for path in test or ()]
         notes, console = terminal(stderr=True, soft_wrap=True), terminal()
-        with told_progress(notes, "training") as tell:
+        with progress_lines(notes, "training") as tell:
             found = swept(
                 simulation, measured, sweep, out, tests=tests, workers=workers, on=on.value,
                 progress=tell,

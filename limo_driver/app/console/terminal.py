@@ -166,7 +166,7 @@ WorkersOption = Annotated[
 
 
 @contextmanager
-def told_progress(
+def progress_lines(
     console: Console, doing: str
 ) -> Generator[Callable[[object | None, int, int], None]]:
     """Yield what is told each task that ends; shows rate and time left where somebody watches.

@@ -184,7 +184,7 @@ def _ambiguous(
 
 def _start_poses(found: Diagnosis) -> FloatArray:
     """Return poses along the recordings, (k, n) [rad]."""
-    from estimators.diagnosis.settings.afterwards import SEPARATION
+    from estimators.diagnosis.settings.judgement import SEPARATION
 
     count = SEPARATION.start_poses
     poses = np.concatenate(
@@ -206,7 +206,7 @@ def _replay(found: Diagnosis) -> Replay:
     from backends.mujoco_sim.replay import follow
     from estimators.diagnosis.report import worst_stretch
     from estimators.diagnosis.result import Replay
-    from estimators.diagnosis.settings.afterwards import LOOPS, REPLAY
+    from estimators.diagnosis.settings.judgement import LOOPS, REPLAY
 
     floor = np.array(found.verdict.fit.noise_floor)
     worst = worst_stretch(found.traces, floor, LOOPS.duration)

@@ -34,11 +34,9 @@ from limo_driver.runtime.display import joint_called
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.logs.readers.table import LogTable
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 _MOST: Final = 200  # columns that are drawn
 _AT_FIRST: Final = 3  # axes of a log of which nothing is understood
@@ -196,7 +194,7 @@ def _seconds(time: TimeColumns, table: LogTable) -> tuple[str, FloatArray]:
     return "time [s]", seconds - seconds[np.isfinite(seconds)][:1].sum()
 
 
-def _forward(time: FloatArray) -> NDArray[np.int64]:
+def _forward(time: FloatArray) -> IntArray:
     """Return the rows at which a time (T,) is further than ever before."""
     known = np.where(np.isfinite(time), time, -np.inf)
     before = np.maximum.accumulate(np.append(-np.inf, known))[:-1]

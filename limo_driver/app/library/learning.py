@@ -70,7 +70,10 @@ def identify(
         >>> limo.identify("iiwa14", "run.parquet").simulation.save("sim.yaml")
     """
     from estimators.base import check_recordings
-    from estimators.diagnosis.from_torque.residuals.plausibility import as_it_hangs, turned
+    from estimators.diagnosis.from_torque.residuals.plausibility import (
+        as_it_hangs,
+        turned,
+    )
     from estimators.rigid_body import JointTerms, Rows
     from estimators.rigid_body import identify as found
     from estimators.rigid_body.best_bandwidth import fitting_bandwidth

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 _NANOSECOND = 1e-9  # [s]
 _LISTED = 8  # topics that a message names
@@ -310,8 +308,8 @@ class _Rows:
         )
 
     def _given_out(
-        self, values: FloatArray, stamps: NDArray[np.int64], most: int | None
-    ) -> tuple[FloatArray, NDArray[np.int64]]:
+        self, values: FloatArray, stamps: IntArray, most: int | None
+    ) -> tuple[FloatArray, IntArray]:
         """Return the first rows, and keep the others, in order, for the next block."""
         self._stamps, self._values = array("q"), array("d")
         if most is None:
@@ -349,9 +347,7 @@ class _Rows:
                 )
 
 
-def ordered(
-    stamps: NDArray[np.int64], topic: str, source: str | None = None
-) -> tuple[NDArray[np.int64], int]:
+def ordered(stamps: IntArray, topic: str, source: str | None = None) -> tuple[IntArray, int]:
     """Return the messages of a topic in the order of their stamps, and how many were overtaken.
 
     Args:

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pinocchio as pin
-    from numpy.typing import NDArray
 
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 # pinocchio has no stubs and is found through an import hook.
 # pyright: reportMissingImports=false, reportUnknownParameterType=false
@@ -166,7 +165,7 @@ class Surface(NamedTuple):
     """Triangles of one colour."""
 
     vertices: FloatArray  # (V, 3) [m]
-    faces: NDArray[np.int64]  # (F, 3)
+    faces: IntArray  # (F, 3)
     colour: Colour | None = None  # None: no file has one
 
     def placed(self, R: FloatArray, place: FloatArray) -> Surface:

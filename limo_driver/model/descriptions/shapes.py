@@ -16,12 +16,10 @@ import pinocchio as pin
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.display import shortened
-from limo_driver.types import FloatArray, readonly
+from limo_driver.types import BoolArray, FloatArray, IntArray, readonly
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
-
-    from numpy.typing import NDArray
 
     from limo_driver.model.descriptions.description import RobotDescription
 
@@ -52,7 +50,7 @@ class ArmShapes:
     model: pin.Model
     geometry: pin.GeometryModel
     capsules: tuple[Capsule, ...]  # each shape, or the smallest that was found around it
-    round: NDArray[np.bool_]  # whether the capsule is the shape itself
+    round: BoolArray  # whether the capsule is the shape itself
 
 
 class ShapeDistances:
@@ -63,7 +61,7 @@ class ShapeDistances:
         pairs: Indices of shapes, (c, 2).
     """
 
-    def __init__(self, shapes: ArmShapes, pairs: NDArray[np.int64]) -> None:
+    def __init__(self, shapes: ArmShapes, pairs: IntArray) -> None:
         self._model, self._data = shapes.model, shapes.model.createData()
         many = len(shapes.capsules)
         self._geometry = shapes.geometry.copy()

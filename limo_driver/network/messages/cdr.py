@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from limo_driver.errors import ShapeError, WireFormatError
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 LITTLE_ENDIAN = b"\x00\x01\x00\x00"
 HEADER_SIZE = 4
@@ -227,7 +227,7 @@ class CdrReader:
         values.setflags(write=False)
         return values
 
-    def flags(self, name: str) -> NDArray[np.bool_]:
+    def flags(self, name: str) -> BoolArray:
         """Take a sequence of bytes that are 0 or 1; read-only, (length,)."""
         count = self._count(1, name)
         return np.frombuffer(self._flags(count, name), np.bool_)

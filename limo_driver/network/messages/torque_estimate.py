@@ -17,7 +17,6 @@ from functools import lru_cache
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import ConfigError, WireFormatError
 from limo_driver.network.messages.cdr import (
@@ -30,7 +29,7 @@ from limo_driver.network.messages.cdr import (
     split_time,
     utf8,
 )
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 _STAMP: Final = struct.Struct("<iI")
 _GAP_SIZE: Final = 3  # bytes; readers of before took so many for padding
@@ -82,7 +81,7 @@ class TorqueEstimate:
     torque: FloatArray  # (n,) or (0,) [N m], estimated
     std: FloatArray  # (n,) or (0,) [N m], one standard deviation
     external: FloatArray  # (n,) or (0,) [N m], measured minus estimated
-    outside: NDArray[np.bool_]  # (n,) or (0,), motion unlike what was learned
+    outside: BoolArray  # (n,) or (0,), motion unlike what was learned
     model: str  # its version
     fallback: bool  # the estimate is of the physics alone
     reset: bool  # the memory of the estimator started anew at this sample
@@ -106,7 +105,7 @@ class TorqueEstimateCodec(RobotCodec):
         torque: FloatArray,
         std: FloatArray,
         external: FloatArray,
-        outside: NDArray[np.bool_],
+        outside: BoolArray,
         *,
         model: str = "",
         fallback: bool = False,

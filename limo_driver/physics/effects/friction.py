@@ -19,10 +19,8 @@ from limo_driver.runtime.parameters import parameter
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.physics.effect import DiagnosisContext, Effect, JointMotion, SimulatedPlant
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 SIGN_WIDTH = 0.002  # [rad/s], width of the smoothed sign where an effect has no own
 CREEP_SPEEDS = (0.006, 0.015, 0.04, 0.1)  # [rad/s], of the Stribeck effect
@@ -139,8 +137,8 @@ class VelocityFriction(Friction):
 class Frictions(NamedTuple):
     """F frictions as tables, for compiled code."""
 
-    joint: NDArray[np.int64]  # (F,), 0-based
-    law: NDArray[np.int64]  # (F,)
+    joint: IntArray  # (F,), 0-based
+    law: IntArray  # (F,)
     parameters: FloatArray  # (F, friction_laws.PARAMETERS)
 
     @classmethod

@@ -19,10 +19,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 # Laws and their parameters: (tau_c, v_eps), (f_v_plus, f_v_minus), (tau_s, v_s, delta, v_eps),
 # (tau_plus, tau_minus, v_eps), (coefficient,).
@@ -62,11 +61,7 @@ def friction_torques(law: int, parameters: FloatArray, velocity: FloatArray) -> 
 
 @compiled(reads=("velocity", "joint", "law", "parameters"), nogil=True)
 def add_frictions(
-    torque: FloatArray,
-    velocity: FloatArray,
-    joint: NDArray[np.int64],
-    law: NDArray[np.int64],
-    parameters: FloatArray,
+    torque: FloatArray, velocity: FloatArray, joint: IntArray, law: IntArray, parameters: FloatArray
 ) -> None:
     """Add F frictions to `torque` (T, n) [N m], in place, at `velocity` (T, n) [rad/s].
 
@@ -119,8 +114,8 @@ def add_maxwell_slips(
     position: FloatArray,
     velocity: FloatArray,
     memory: FloatArray,
-    joint: NDArray[np.int64],
-    ends: NDArray[np.int64],
+    joint: IntArray,
+    ends: IntArray,
     stiffness: FloatArray,
     width: FloatArray,
 ) -> None:

@@ -82,18 +82,17 @@ def read_columns(path: Path) -> Columns:
     )
 
 
-def write_columns(columns: Columns, path: Path, about: Mapping[str, Any] | None = None) -> None:
+def write_columns(columns: Columns, path: Path) -> None:
     """Write Parquet: time, position_j, torque_j and what else there is; 1-based joints.
 
     Args:
         columns: What to write; torques that are NaN throughout are not.
         path: To be written.
-        about: More for the header, which names the robot, where that is known.
 
     Raises:
         ConfigError: It cannot be written, or its ending is that of another format.
     """
-    with columns_writer(path, about) as write:
+    with columns_writer(path) as write:
         write(columns)
 
 

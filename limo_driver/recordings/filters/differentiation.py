@@ -14,11 +14,10 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
 from limo_driver.runtime.compiled import compiled
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 ORDER = 4  # of the Butterworth filter; run twice, hence 8
 HIGHEST_BANDWIDTH = 0.4  # of the sampling rate; nearer to 0.5 the filter has no room to fall
@@ -202,7 +201,7 @@ class FilteredStretch:
         _there_and_back(padded, *_filter(self.bandwidth, self.period))
         return padded
 
-    def read(self, padded: FloatArray, some: NDArray[np.int64] | None = None) -> FloatArray:
+    def read(self, padded: FloatArray, some: IntArray | None = None) -> FloatArray:
         """Return grid values at the recorded instants, or at some of them."""
         on_grid = padded[self.padding : padded.shape[0] - self.padding]
         if self.even:

@@ -13,9 +13,8 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from limo_driver.recordings.channels import VELOCITY, Columns, led_by, of_numbers
+from limo_driver.recordings.channels import VELOCITY, Columns, commanded_by, of_numbers
 from limo_driver.recordings.gate.held_values import (
     LEAST_JUMP,
     contiguous,
@@ -25,7 +24,7 @@ from limo_driver.recordings.gate.held_values import (
     one_factor,
     velocity_factors,
 )
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 SYSTEMATIC: Final = 0.02  # share of rows above which a fault is no accident
 _GAP: Final = 2.0  # times the longest step that is none, put where a clock was set
@@ -38,7 +37,7 @@ _FASTER: Final = 3.0  # times that motion, that it may be within a period
 _FARTHER: Final = 10.0  # times as far as it went, that it would have gone in the time of a step
 
 
-def in_order(stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
+def in_order(stamps: IntArray) -> tuple[IntArray, int]:
     """Return the rows in the order of their stamps, and how many were overtaken on their way.
 
     Moved are stamps that are late by a few periods and fill a hole. All others stay where they are:
@@ -63,7 +62,7 @@ def in_order(stamps: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
     return np.lexsort((stamps, place)), int(moved.sum())
 
 
-def runs_backwards(time: NDArray[np.int64] | FloatArray) -> float:
+def runs_backwards(time: IntArray | FloatArray) -> float:
     """Return the share of rows at which a time goes back."""
     return float(np.mean(np.diff(time) < 0)) if time.size > 1 else 0.0
 
@@ -164,10 +163,7 @@ def _steps(
 
 
 def _goes_on(
-    position: FloatArray,
-    before: NDArray[np.int64],
-    after: NDArray[np.int64],
-    periods: float | None = None,
+    position: FloatArray, before: IntArray, after: IntArray, periods: float | None = None
 ) -> bool:
     """Say whether an arm moves on from one row to another as within a period.
 
@@ -199,7 +195,7 @@ _BY: Final = 1e-3  # [rad], beyond the noise of encoders
 _FARTHEST: Final = 0.02  # [rad], that a joint at rest does not reach by the steps of its encoder
 
 
-def doubts_about_rows(columns: Columns, rows: NDArray[np.int64]) -> tuple[str, ...]:
+def doubts_about_rows(columns: Columns, rows: IntArray) -> tuple[str, ...]:
     """Return what is odd about rows that are kept, in a sentence each.
 
     Args:
@@ -218,7 +214,7 @@ def doubts_about_rows(columns: Columns, rows: NDArray[np.int64]) -> tuple[str, .
     )
 
 
-def _about_velocity(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
+def _about_velocity(columns: Columns, rows: IntArray) -> list[str]:
     factors = velocity_factors(columns, rows)
     factor = one_factor(np.array(list(factors.values())))
     if factor is not None and len(factors) > 1:
@@ -251,9 +247,9 @@ def about_gaps(time: FloatArray) -> list[str]:
     ]
 
 
-def _about_joints(columns: Columns, rows: NDArray[np.int64]) -> list[str]:
+def _about_joints(columns: Columns, rows: IntArray) -> list[str]:
     found: list[str] = []
-    turning = led_by(VELOCITY, columns.led)  # as wheels do, turn after turn
+    turning = commanded_by(VELOCITY, columns.led)  # as wheels do, turn after turn
     for j in range(columns.position.shape[1]):
         position = columns.position[rows, j]
         torque = columns.torque[rows, j]
@@ -295,7 +291,7 @@ class LeftOut:
 class UsableRows:
     """Usable rows, the rows left out by reason, and warnings about the others."""
 
-    rows: NDArray[np.int64]  # (T,)
+    rows: IntArray  # (T,)
     left_out: tuple[LeftOut, ...]
     warnings: tuple[str, ...]
 
@@ -354,7 +350,7 @@ def _mostly(
     return (value, part) if held_torque(time, position, torque).any() else None
 
 
-def _moves(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+def _moves(time: FloatArray, position: FloatArray) -> BoolArray:
     """Mark the rows (T,) after which a joint moves."""
     ahead = max(1, round(_WITHIN / float(np.median(np.diff(time)))))
     moves = np.zeros(time.size, dtype=bool)

@@ -14,10 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.channels import Columns
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 FEWEST = 10  # samples; fewer equal ones are no news
 SHORTEST = 0.05  # [s]; the filters read over less
@@ -42,7 +40,7 @@ _OFF = (0.2, 1.6)  # of its logarithm, from where no filter makes it, to where u
 _SWEEP = 0.1  # [s] over which velocity and change of position are compared
 
 
-def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> NDArray[np.bool_]:
+def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> BoolArray:
     """Mark samples at which a torque is held or saturated although its joint moves.
 
     Channels without noise, or coarser than it, are not judged: those may well repeat a value.
@@ -80,7 +78,7 @@ def held_torque(time: FloatArray, position: FloatArray, torque: FloatArray) -> N
 
 def held_position(
     time: FloatArray, position: FloatArray, command: FloatArray | None = None
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Mark samples at which a position is held although its joint moves.
 
     A joint at rest repeats its value too, but does not jump when it starts: unless it was told to
@@ -121,7 +119,7 @@ def held_position(
 
 
 @np.errstate(over="ignore")  # of steps that no clock makes
-def near_jumps(time: FloatArray, position: FloatArray) -> NDArray[np.bool_]:
+def near_jumps(time: FloatArray, position: FloatArray) -> BoolArray:
     """Mark samples on both sides of jumps of a position, (T,), as many as make a gap.
 
     Rows were lost there and their times closed up, or poses were recorded one after the other: from
@@ -168,7 +166,7 @@ def _rests(time: FloatArray, command: FloatArray, first: int, stop: int) -> bool
     return last > first + 1 and float(np.ptp(command[first:last])) < LEAST_JUMP
 
 
-def _runs(values: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _runs(values: FloatArray) -> tuple[IntArray, IntArray]:
     """Return first and past-the-end samples of each run of equal values."""
     changes = np.flatnonzero(np.diff(values)) + 1
     return np.append(0, changes), np.append(changes, values.size)
@@ -240,7 +238,7 @@ def one_factor(factors: FloatArray) -> float | None:
     return factor if spread < _ONE and least < abs(np.log(factor)) < _OFF[1] else None
 
 
-def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:
+def swept(columns: Columns, rows: IntArray, joint: int) -> float:
     """Return the range of motion in a recorded velocity, without drift [rad]; 0 if none is."""
     if columns.velocity is None:
         return 0.0
@@ -249,7 +247,7 @@ def swept(columns: Columns, rows: NDArray[np.int64], joint: int) -> float:
     return float(np.ptp(path))
 
 
-def velocity_factors(columns: Columns, rows: NDArray[np.int64]) -> dict[int, float]:
+def velocity_factors(columns: Columns, rows: IntArray) -> dict[int, float]:
     """Return how many times the rate of change of position each moving joint's velocity is."""
     if columns.velocity is None:
         return {}

@@ -10,10 +10,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import POSITION, RATES, VELOCITY, by_channel, led_by, unit_of
+from limo_driver.recordings.channels import (
+    POSITION,
+    RATES,
+    VELOCITY,
+    by_channel,
+    commanded_by,
+    unit_of,
+)
 from limo_driver.recordings.gate import held_values
 from limo_driver.recordings.gate.doubts import (
     FEWEST_LATE,
@@ -23,12 +29,12 @@ from limo_driver.recordings.gate.doubts import (
     UsableRows,
     doubts_about_rows,
 )
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from limo_driver.recordings.channels import Columns
-    from limo_driver.types import FloatArray
 
-Mask = NDArray[np.bool_]
+Mask = BoolArray
 
 FEWEST_SAMPLES = 20
 SHORTEST = 0.5  # [s]
@@ -147,7 +153,7 @@ class _Gate:
     def __init__(self, columns: Columns) -> None:
         self.columns = columns
         self.rows = np.arange(columns.time.size)
-        self._reasons: dict[str, list[NDArray[np.int64]]] = {}
+        self._reasons: dict[str, list[IntArray]] = {}
 
     @property
     def time(self) -> FloatArray:
@@ -235,7 +241,7 @@ class _Gate:
         for quantity, values in self.columns.quantities().items():
             # How large a quantity of each joint may be, (n,)
             usual = _IMPOSSIBLE.get(quantity, _IMPOSSIBLE_EXTRA)
-            turning = led_by(VELOCITY, self.columns.led) & (quantity == "position")
+            turning = commanded_by(VELOCITY, self.columns.led) & (quantity == "position")
             limit = np.where(turning, _IMPOSSIBLE_EXTRA, usual)
             size = np.abs(values[self.rows])
             self._refuse_systematic(quantity, size > limit, limit)  # NaN compares false
@@ -333,7 +339,7 @@ class _Gate:
 
         So far from its neighbours is a wheel where it begins to turn the other way.
         """
-        command, own = self.columns.command, led_by(VELOCITY, self.columns.led)
+        command, own = self.columns.command, commanded_by(VELOCITY, self.columns.led)
         if command is None or not own.any() or self.rows.size < FEWEST_CONTIGUOUS:
             return np.zeros(own.size)
         fastest = np.abs(command[self.rows]).max(axis=0)
@@ -359,9 +365,9 @@ class _Gate:
         short = np.array([len(pieces) > 1 and last < SHORTEST_PIECE for last in lasts], dtype=bool)
         return np.repeat(short, [rows.stop - rows.start for rows in pieces])
 
-    def held_positions(self) -> dict[str, NDArray[np.int64]]:
+    def held_positions(self) -> dict[str, IntArray]:
         """Return the rows with a position that an encoder repeats in motion, by reason."""
-        led = led_by(POSITION, self.columns.led)
+        led = commanded_by(POSITION, self.columns.led)
         command = self.columns.command
         return {
             held_values.held_reason(j): self.rows[

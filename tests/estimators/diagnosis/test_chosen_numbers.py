@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from estimators.diagnosis import settings
-from estimators.diagnosis.settings import afterwards, fitting, judgement, residuals
+from estimators.diagnosis.settings import fitting, judgement, residuals
 from estimators.diagnosis.settings.residuals import NOISE
 
 ROOT = Path(settings.__file__).parents[1]
@@ -120,7 +120,7 @@ tolerances, three deviations (`estimators/regression/evidence.py`).
 
 def groups():
     """Yield the name of each group of settings, and the group, in the order of the stages."""
-    for stage in (residuals, fitting, judgement, afterwards):
+    for stage in (residuals, fitting, judgement):
         for name, value in vars(stage).items():
             if name.isupper() and type(value).__module__ == stage.__name__:
                 yield name, value

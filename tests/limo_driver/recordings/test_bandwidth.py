@@ -7,7 +7,7 @@ import pytest
 
 import limo_driver as limo
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.bandwidth import BANDWIDTH, bandwidth_for, lowered
+from limo_driver.recordings.bandwidth import BANDWIDTH, about_lower_bandwidth, bandwidth_for
 from limo_driver.recordings.recording import Recording
 
 
@@ -41,12 +41,12 @@ def test_what_a_user_tells_is_kept_and_refused_where_it_does_not_suit():
 
 def test_a_lowered_one_is_told_with_its_reason():
     slow = recorded(20.0)
-    said = lowered([recorded(500.0), slow], bandwidth_for([slow]))
+    said = about_lower_bandwidth([recorded(500.0), slow], bandwidth_for([slow]))
     assert said is not None
     assert "up to 7.2 Hz instead of 10 Hz" in said
     assert "sampled at 20 Hz" in said
-    assert lowered([recorded(500.0)], BANDWIDTH) is None
-    assert lowered([slow], 3.0) is None  # asked for
+    assert about_lower_bandwidth([recorded(500.0)], BANDWIDTH) is None
+    assert about_lower_bandwidth([slow], 3.0) is None  # asked for
 
 
 def test_an_arm_sampled_at_twenty_hertz_is_identified_and_scored():

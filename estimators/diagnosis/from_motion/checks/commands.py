@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_motion.checks.timing import dropped_frames, led_away
+from estimators.diagnosis.from_motion.checks.timing import dropped_frames, moved_away
 from estimators.diagnosis.from_motion.checks.velocities import (
     ALIKE,
     AT_REST,
@@ -34,10 +34,8 @@ from limo_driver.recordings.checks import MOST_NORMALISED
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _TURNS: Final = 4 * np.pi  # [rad], that no joint behind a position servo reaches or spans
 _NORMALISED: Final = 8.0  # times the positions' range, from which on commands are no angles
@@ -244,7 +242,7 @@ def _exchange_mistake(recording: Recording) -> str:
     return f"position_{j + 1} follows command_{k + 1}, not command_{j + 1}; are joints exchanged?"
 
 
-def _ringed(recording: Recording, better: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _ringed(recording: Recording, better: BoolArray) -> BoolArray:
     """Say who follows whose command in a ring of three joints or more, (n, n).
 
     In a motion that runs along the arm as a wave, each joint follows its own command later.
@@ -306,15 +304,15 @@ def _odd(recording: Recording, name: str, sliding: Sequence[bool]) -> Iterator[s
         yield from left_out_at_rest(recording, j, name, unit)
         yield from (
             list(_not_following(recording, j, name, unit))
-            or list(_led(recording, j, name, unit))
+            or list(_moved_by_hand(recording, j, name, unit))
             or _held(recording, j, name, unit)
         )
 
 
-def _led(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
+def _moved_by_hand(recording: Recording, j: int, name: str, unit: str) -> Iterator[str]:
     """Yield that a joint moves away from all that it was told, if it does."""
     command, position = commands_of(recording)[:, j], recording.position[:, j]
-    since, far = led_away(recording.time, command, position)
+    since, far = moved_away(recording.time, command, position)
     if far > 0.0:
         yield (
             f"joint {j + 1} moves {far:.2f} {unit} away from all commands of the last seconds; was "

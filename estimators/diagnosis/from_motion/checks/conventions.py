@@ -40,7 +40,7 @@ from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.physics import EncoderOffset
 from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
+from limo_driver.recordings.channels import POSITION, VELOCITY, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -203,20 +203,17 @@ def _odds_of(scores: Mapping[Convention, float], j: int) -> float:
     return max(as_described_scores) - max(other)
 
 
-def likeliest_order(
-    body: RobotModel, recordings: Sequence[Recording], delay: float = DELAYS[1]
-) -> tuple[int, ...]:
+def likeliest_order(body: RobotModel, recordings: Sequence[Recording]) -> tuple[int, ...]:
     """Return the column of each joint that gravity speaks for, with two exchanged at most.
 
     Args:
         body: With the masses that are known.
         recordings: With commands.
-        delay: Of the drives [s].
 
     Returns:
         Column of each joint, 0-based, (n,).
     """
-    rows = _rows(recordings, delay)
+    rows = _rows(recordings, DELAYS[1])
     described = Convention((1,) * body.n, (0.0,) * body.n)
     independent = _INDEPENDENT * sum(recording.duration for recording in recordings)
     scores = dict[tuple[int, ...], float]()
@@ -269,8 +266,8 @@ def _rows(recordings: Sequence[Recording], delay: float) -> _Rows:
         motion = recording.motion(bandwidth_for([recording]))
         since = recording.time - delay
         at = np.maximum(np.searchsorted(recording.time, since, side="right") - 1, 0)
-        followed = np.where(led_by(POSITION, recording.channels), motion.position, 0.0)
-        followed += np.where(led_by(VELOCITY, recording.channels), motion.velocity, 0.0)
+        followed = np.where(commanded_by(POSITION, recording.channels), motion.position, 0.0)
+        followed += np.where(commanded_by(VELOCITY, recording.channels), motion.velocity, 0.0)
         error = commands_of(recording)[at] - followed
         parts.append((motion.position, motion.velocity, error))
     position, velocity, error = (np.concatenate(x) for x in zip(*parts, strict=True))
@@ -312,7 +309,7 @@ def from_zeros(recording: Recording, zero: FloatArray) -> Recording:
     if not zero.any():
         return recording
     command = commands_of(recording)
-    determined = np.where(led_by(POSITION, recording.channels), command - zero, command)
+    determined = np.where(commanded_by(POSITION, recording.channels), command - zero, command)
     return replace(recording, position=recording.position - zero, command=determined, extras={})
 
 

@@ -26,7 +26,7 @@ from estimators.diagnosis.settings import HALF, LITTLE, SOME, TINY
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import POSITION, TORQUE, led_by
+from limo_driver.recordings.channels import POSITION, TORQUE, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -148,7 +148,7 @@ def check_torques(simulation: Simulation, recording: Recording) -> None:
         RecordingError: Names what the commands seem to be.
     """
     moves = np.ptp(recording.position, axis=0) > MOVED
-    joints = np.flatnonzero(led_by(TORQUE, recording.channels) & moves).tolist()
+    joints = np.flatnonzero(commanded_by(TORQUE, recording.channels) & moves).tolist()
     if not joints:
         return
     motion, rows = recording.motion(bandwidth_for([recording])), rows_of(simulation)

@@ -31,7 +31,7 @@ from estimators.diagnosis.from_motion.simulation.plant import rows_of
 from estimators.diagnosis.settings import CLEARLY, FAR, FEW, MATTERS, MOST, NEARLY_ALL, SOME, TINY
 from estimators.diagnosis.settings.residuals import REPEATS
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.channels import TORQUE, VELOCITY, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, commanded_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _FARTHEST: Final = 0.5  # [s] of looking ahead
 _TRIED: Final = 50  # delays, of torques
@@ -195,9 +195,9 @@ def _seems_early(recording: Recording) -> bool:
     command, position = commands_of(recording), recording.position
     period = np.diff(recording.time, append=recording.time[-1])[:, None]
     commanded = np.cumsum(command * period, axis=0)  # where velocities would lead
-    command = np.where(led_by(VELOCITY, recording.channels), commanded, command)
+    command = np.where(commanded_by(VELOCITY, recording.channels), commanded, command)
     moves = np.minimum(np.ptp(position, axis=0), np.ptp(command, axis=0)) > MOVED
-    moving = np.flatnonzero(moves & ~led_by(TORQUE, recording.channels))
+    moving = np.flatnonzero(moves & ~commanded_by(TORQUE, recording.channels))
     shifts = [_shift(command[:, j], position[:, j], recording.rate) for j in moving.tolist()]
     return bool(shifts) and float(np.median(shifts)) < -1.0 / recording.rate
 
@@ -289,7 +289,7 @@ def _paces(values: FloatArray, time: FloatArray) -> FloatArray:
     return np.abs(np.diff(values, axis=0) / np.diff(time)[:, None])
 
 
-def _fastest(values: FloatArray, time: FloatArray, row: int) -> NDArray[np.bool_]:
+def _fastest(values: FloatArray, time: FloatArray, row: int) -> BoolArray:
     """Say which joints move much faster behind a row than anywhere else, (n,)."""
     pace = _paces(values, time)
     return pace[row] > FAR * np.delete(pace, row, axis=0).max(axis=0, initial=0.0)
@@ -325,7 +325,7 @@ def _leaps(recording: Recording) -> list[int]:
     return (np.flatnonzero(leap & fast) + _AROUND).tolist()
 
 
-def led_away(time: FloatArray, command: FloatArray, position: FloatArray) -> tuple[float, float]:
+def moved_away(time: FloatArray, command: FloatArray, position: FloatArray) -> tuple[float, float]:
     """Return since when a joint is led away from its commands [s], and how far [rad].
 
     A servo lags, sags and swings; what it never does is leave the range of all that it was told in

@@ -28,7 +28,7 @@ from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.errors import RecordingError
 from limo_driver.model.units import unit_of
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import POSITION, VELOCITY, led_by
+from limo_driver.recordings.channels import POSITION, VELOCITY, commanded_by
 from limo_driver.recordings.gate.held_values import held_reason
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def check_velocities(recording: Recording, number: int, sliding: Sequence[bool])
     Raises:
         RecordingError: Names what the commands seem to be.
     """
-    joints = tuple(np.flatnonzero(led_by(VELOCITY, recording.channels)).tolist())
+    joints = tuple(np.flatnonzero(commanded_by(VELOCITY, recording.channels)).tolist())
     if not joints:
         return ()
     velocity = recording.motion(bandwidth_for([recording])).velocity
@@ -114,7 +114,7 @@ def set_points_alone(recording: Recording) -> Recording:
     Args:
         recording: With commands.
     """
-    own = led_by(POSITION, recording.channels)
+    own = commanded_by(POSITION, recording.channels)
     if own.all():
         return recording
     position, command = (

@@ -23,11 +23,9 @@ from limo_driver.physics.effects.sensing import FARTHEST_ZERO
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _SHARED_BOUNDS: Final = {"zero": (-FARTHEST_ZERO, FARTHEST_ZERO), "sag": (0.0, MOST_SAG)}
 _AT_END: Final = 1e-6  # deviations from the end of where a constant is kept, that are none
@@ -101,9 +99,14 @@ class ArmProblem:
     weights: Weights
     priors: Sequence[Mapping[str, c.BelievedValue]]  # of each joint
     shared: Mapping[str, c.BelievedValue] = field(default_factory=dict)
-    kept: NDArray[np.bool_] | None = None  # rows of all stretches, in a row
+    kept: BoolArray | None = None  # rows of all stretches, in a row
     over: float = c.STEP  # what slopes are taken over, of a logarithm or a signed value in its unit
     within: float = np.inf  # deviations from what is believed, that constants are kept within
+    tick: float = 0.0  # [rad], step of the encoders, that errors are taken to be at least
+
+    def weighted_by(self, errors: Sequence[FloatArray]) -> ArmProblem:
+        """Return the same with the weights that the errors of a fit ask for."""
+        return replace(self, weights=Weights.of(errors, self.tick))
 
     def errors(self, guess: ArmGuess) -> list[FloatArray]:
         """Return simulated minus recorded positions of each joint [rad]."""
@@ -168,6 +171,7 @@ class ArmProblem:
 class ArmFit:
     """Fitted constants, their cost, and how sure they are."""
 
+    problem: ArmProblem
     guess: ArmGuess
     cost: float  # [nat], of the joints that were fitted
     errors: tuple[FloatArray, ...]  # of each joint [rad]
@@ -234,13 +238,13 @@ def _descended(
                 break
             damping *= FAR
         if before - cost < _ENOUGH:
-            return ArmFit(guess, cost, tuple(found)), hessian
-    return ArmFit(guess, cost, tuple(found)), None
+            return ArmFit(problem, guess, cost, tuple(found)), hessian
+    return ArmFit(problem, guess, cost, tuple(found)), None
 
 
 def _movable(
     problem: ArmProblem, guess: ArmGuess, gradient: FloatArray, own: Sequence[int]
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """Say which constants are not at the end of where they are kept, and pulled beyond it."""
     away = [problem.away(guess, j).get(name, 0.0) for j in own for name in guess.names[j]]
     far = np.array([*away, *[0.0] * len(guess.shared)])
@@ -248,7 +252,7 @@ def _movable(
 
 
 def _step(
-    hessian: FloatArray, gradient: FloatArray, movable: NDArray[np.bool_], damping: float
+    hessian: FloatArray, gradient: FloatArray, movable: BoolArray, damping: float
 ) -> FloatArray:
     """Return a damped step of those constants that can move."""
     heavy = hessian + damping * np.diag(np.diag(hessian) + 1e-9)

@@ -23,7 +23,7 @@ from estimators.diagnosis.from_motion.fitting.joint import (
 from estimators.diagnosis.from_motion.fitting.starts import (
     LAGS,
     LimitStart,
-    away,
+    mean_distance,
     start_of_limit,
     with_lag,
 )
@@ -64,7 +64,7 @@ class Extra:
             parts: Recorded stretches.
             row: The constants without it.
         """
-        known = away(parts, row)
+        known = mean_distance(parts, row)
         if not self.limit:
             return LimitStart(self.start, known, self.easing(row))
         best = start_of_limit(self.limit, parts, c.with_values(row, self.shape))
@@ -145,7 +145,7 @@ def fit_with_extras(
     Returns:
         The fit to all stretches, and the effects that it has beyond the usual ones.
     """
-    seen, unseen = apart(parts)
+    seen, unseen = alternate_pieces(parts)
     found: list[str] = []
     best = _best(seen, row, names, priors)
     score, waiting = _score(unseen, best.row), [one for one in EXTRAS if one.fits(row)]
@@ -221,7 +221,7 @@ def of_a_kind(
     """
     believed, start = {**priors, "acceleration": USUAL_PROFILE}, PROFILE.easing(fit.row)
     begun = c.with_values(fit.row, {**PROFILE.shape, **start, "acceleration": USUAL_PROFILE.value})
-    seen, unseen = apart(parts)
+    seen, unseen = alternate_pieces(parts)
     before = fit_joint(seen, fit.row, fit.names, priors, GLANCE)
     after = fit_joint(seen, begun, (*fit.names, "acceleration"), believed, GLANCE)
     final = fit_joint(parts, after.row, after.names, believed)
@@ -230,7 +230,7 @@ def of_a_kind(
     return OfAKind(kept, (*found, PROFILE.effect), ratio)
 
 
-def apart(
+def alternate_pieces(
     parts: Sequence[LoadedJoint],
 ) -> tuple[list[LoadedJoint], list[LoadedJoint]]:
     """Return pieces to fit to, and those kept from it: every other one.

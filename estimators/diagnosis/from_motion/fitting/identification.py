@@ -45,13 +45,11 @@ from limo_driver.runtime.display import Displayed
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_motion.simulation.one_joint import LoadedJoint
     from limo_driver.model import RobotModel
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 # Of the largest load of the arm, from which on gravity gives a joint's scale and tells its sign. A
 # smaller part lets friction and masses known to some percent pass for gravity; a larger one leaves
@@ -239,7 +237,7 @@ def _of_a_kind(
     found: dict[int, tuple[JointFit, tuple[str, ...]]],
     stated: FloatArray,
     load: FloatArray,
-    scaled: NDArray[np.bool_],
+    scaled: BoolArray,
     *,
     intervals: bool,
 ) -> dict[int, tuple[JointFit, tuple[str, ...]]]:
@@ -304,7 +302,7 @@ def _believed(row: FloatArray, load: float | None) -> dict[str, c.BelievedValue]
     return believed
 
 
-def gives_scale(load: FloatArray) -> NDArray[np.bool_]:
+def gives_scale(load: FloatArray) -> BoolArray:
     """Say at which joints gravity gives the scale of gain, friction and inertia, (n,).
 
     Args:

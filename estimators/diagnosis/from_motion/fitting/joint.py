@@ -19,9 +19,7 @@ from estimators.regression.definite import SymmetricSpectrum, jackknife
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 _ROBUST: Final = 0.003  # [rad] from which on an error counts in proportion to its size alone
 COARSE: Final = FAR  # typical errors, from which on they do at first
@@ -244,7 +242,7 @@ def slopes_at(parts: Sequence[LoadedJoint], fit: JointFit) -> FloatArray:
     return np.stack(sides, axis=1) / c.STEP
 
 
-def blocks(sizes: Sequence[int]) -> NDArray[np.int64]:
+def blocks(sizes: Sequence[int]) -> IntArray:
     """Return the block of each row, (T,): whole stretches, as what is amiss goes with a motion."""
     if len(sizes) < FEW:
         rows = sum(sizes)

@@ -97,10 +97,10 @@ def choose_start(parts: Sequence[LoadedJoint], row: FloatArray) -> FloatArray:
     if gain is None:
         return row
     other = with_gain(row, gain)
-    return other if away(parts, other) < away(parts, row) else row
+    return other if mean_distance(parts, other) < mean_distance(parts, row) else row
 
 
-def away(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
+def mean_distance(parts: Sequence[LoadedJoint], row: FloatArray) -> float:
     """Return how far a simulated joint is from the recorded one in the mean [rad].
 
     Args:
@@ -203,7 +203,7 @@ def start_of_motor(parts: Sequence[LoadedJoint], row: FloatArray) -> LimitStart:
 def _nearest(
     parts: Sequence[LoadedJoint], row: FloatArray, tried: Sequence[Mapping[str, float]]
 ) -> LimitStart:
-    found = [LimitStart(one, away(parts, c.with_values(row, one))) for one in tried]
+    found = [LimitStart(one, mean_distance(parts, c.with_values(row, one))) for one in tried]
     return min(found, key=lambda own: own.away, default=LimitStart({}, np.inf))
 
 

@@ -22,7 +22,7 @@ from estimators.diagnosis.settings.residuals import ROWS
 from estimators.rigid_body.regressor import inverse_dynamics
 from limo_driver.errors import ConfigError
 from limo_driver.recordings.bandwidth import bandwidth_for
-from limo_driver.recordings.channels import TORQUE, VELOCITY, drifting, led_by
+from limo_driver.recordings.channels import TORQUE, VELOCITY, commanded_by, drifting
 from limo_driver.recordings.commanded import set_points
 from limo_driver.runtime.compiled import compiled
 
@@ -319,14 +319,14 @@ def _advance(
                 )
                 place[j] = q[j] + zero[j]
                 error[j] = step.error_of(rows[j], target[j], place[j])
-                integral[j] = step.integrated(rows[j], integral[j], error[j], h)
+                integral[j] = step.position_integral(rows[j], integral[j], error[j], h)
             _drive(rows, volts, heat, error, v, h)
             if not _solve_velocities(
                 rows, place, v, error, integral, M, bias, volts, h, after, mean
             ):
                 return result, False
             for j in range(n):
-                integral[j] = step.caught_up(rows[j], integral[j], error[j], mean[j], h)
+                integral[j] = step.velocity_integral(rows[j], integral[j], error[j], mean[j], h)
                 ahead[j] = step.slack(rows[j], _load(bias, M, after, v, h, j))
                 q[j] += h * mean[j]
             for j in range(n):
@@ -348,9 +348,9 @@ def commanded_range(recordings: Sequence[Recording]) -> FloatArray:
 
 def _range(recording: Recording) -> FloatArray:
     command = commands_of(recording)
-    rest = np.where(led_by(VELOCITY, recording.channels), 0.0, command[0])
+    rest = np.where(commanded_by(VELOCITY, recording.channels), 0.0, command[0])
     commands = np.ptp(np.vstack([command, rest]), axis=0)
-    pushed = led_by(TORQUE, recording.channels)
+    pushed = commanded_by(TORQUE, recording.channels)
     return np.where(pushed & command.any(axis=0), np.ptp(recording.position, axis=0), commands)
 
 

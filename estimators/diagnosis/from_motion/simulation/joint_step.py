@@ -89,7 +89,7 @@ def error_of(row: FloatArray, target: float, position: float) -> float:
 
 
 @compiled(nogil=True)
-def integrated(row: FloatArray, integral: float, error: float, h: float) -> float:
+def position_integral(row: FloatArray, integral: float, error: float, h: float) -> float:
     """Return the torque of the integral [N m] a step later; of a servo of velocity, as it is."""
     if row[c.KV] > 0.0:
         return integral
@@ -98,7 +98,9 @@ def integrated(row: FloatArray, integral: float, error: float, h: float) -> floa
 
 
 @compiled(nogil=True)
-def caught_up(row: FloatArray, integral: float, commanded: float, mean: float, h: float) -> float:
+def velocity_integral(
+    row: FloatArray, integral: float, commanded: float, mean: float, h: float
+) -> float:
     """Return the torque of the integral [N m] of a servo of velocity behind a step.
 
     Args:

@@ -128,7 +128,7 @@ class ArmLoads:
         thinned = [max(1, round(r.rate / self.fastest)) for r in self.recordings]
         self._rows = [slice(None, None, every) for every in thinned]
         self._motions = [
-            _thinned(r.motion(bandwidth_for([r])), rows)
+            r.motion(bandwidth_for([r]))[rows]
             for r, rows in zip(self.recordings, self._rows, strict=True)
         ]
         ends = np.cumsum([motion.time.size for motion in self._motions]).tolist()
@@ -354,9 +354,3 @@ def _forget(known: dict[Any, Any]) -> None:
     """Make room for one more; loads as described stay."""
     if len(known) >= _KEPT:
         known.pop(next((key for key in known if any(key[0])), next(iter(known))))
-
-
-def _thinned(motion: Motion, rows: slice) -> Motion:
-    return Motion(
-        motion.time[rows], motion.position[rows], motion.velocity[rows], motion.acceleration[rows]
-    )

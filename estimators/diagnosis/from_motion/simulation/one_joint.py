@@ -21,9 +21,7 @@ from limo_driver.runtime.compiled import compiled
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 FIT_STEP: Final = 0.01  # [s]; the whole arm takes shorter ones
 LONGER: Final = MATTERS  # of it, that steps may be longer: more often than not rows are late
@@ -53,9 +51,7 @@ class LoadedJoint:
     inertia: FloatArray  # (T,) [kg m²], rigid body about the joint
     supply: FloatArray  # (T,), voltage over that of a supply without load
     # rows at which stretches without a gap begin; one, if not given
-    begins: NDArray[np.int64] = field(
-        default_factory=lambda: np.zeros(1, dtype=np.int64), kw_only=True
-    )
+    begins: IntArray = field(default_factory=lambda: np.zeros(1, dtype=np.int64), kw_only=True)
 
     @classmethod
     def joined(cls, parts: Sequence[LoadedJoint]) -> LoadedJoint:
@@ -118,7 +114,7 @@ def lag(part: LoadedJoint, row: FloatArray) -> FloatArray:
 @compiled(reads=("constants", "begins", *_BY_ROW, "acceleration"), nogil=True)
 def _advance(
     constants: FloatArray,
-    begins: NDArray[np.int64],
+    begins: IntArray,
     time: FloatArray,
     command: FloatArray,
     position: FloatArray,
@@ -160,7 +156,7 @@ def _advance(
                 begin = time[i] + h * s - delay
                 target, pace, at = step.follow_command(row, own, orders, at, begin, h, target, pace)
                 error = step.error_of(row, target, q)
-                integral = step.integrated(row, integral, error, h)
+                integral = step.position_integral(row, integral, error, h)
                 volts, heat = step.warm_motor(row, supply[i], heat, error, v, h)
                 if anew and s == 0:
                     after, _ = step.next_velocity(
@@ -172,7 +168,7 @@ def _advance(
                 after, mean = step.next_velocity(
                     row, q, v, error, integral, inertia[i], now, volts, h
                 )
-                integral = step.caught_up(row, integral, error, mean, h)
+                integral = step.velocity_integral(row, integral, error, mean, h)
                 ahead = step.slack(row, now + inertia[i] * (after - v) / h)
                 v = after
                 q += h * mean

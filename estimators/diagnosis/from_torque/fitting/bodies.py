@@ -51,15 +51,13 @@ from limo_driver.physics import Payload
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.residuals.noise import Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.regression.evidence import NormalEquations, Posterior
     from estimators.rigid_body.fitting.extent import Extent, Extents
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class _Body:
 
     nominal: FloatArray  # (10,)
     changes: FloatArray  # (10, m) what coefficients add
-    own: NDArray[np.int64]  # (10,) the coefficients that are drawn with it
+    own: IntArray  # (10,) the coefficients that are drawn with it
     extent: Extent
     member: int | None  # place in the set of the candidate that it is, if it is one
 
@@ -118,7 +116,7 @@ def with_possible_bodies(
     """
     mean, prior = fitted.mean.copy(), joined(nuisance, *(item.prior for item in members))
     known = cache(partial(torques, prior))
-    drawn: list[NDArray[np.int64]] = []
+    drawn: list[IntArray] = []
     for item in _bodies(model, extents, members, mean.size):
         if not item.is_impossible(mean):
             continue
@@ -230,7 +228,7 @@ class Rotation:
         target: FloatArray,
         noise: Noise,
         nuisance: Prior,
-        others: NDArray[np.int64],
+        others: IntArray,
     ) -> Rotation:
         """Sum over the rows of each turn.
 
@@ -255,11 +253,11 @@ class Rotation:
         return cls(noise, splits, some, place, own, target, sums)
 
     @property
-    def held_out(self) -> NDArray[np.bool_]:
+    def held_out(self) -> BoolArray:
         """Mark the rows (K, n) that are held out in some turn."""
         return np.any([split.held_out for split in self.splits], axis=0)
 
-    def has(self, noise: Noise, index: NDArray[np.int64]) -> bool:
+    def has(self, noise: Noise, index: IntArray) -> bool:
         """Say whether these are sums of some columns (c,), under that noise."""
         return self.noise is noise and all(int(column) in self.place for column in index)
 
@@ -277,5 +275,5 @@ class Rotation:
         return self._left[key]
 
 
-def _placed(place: dict[int, int], index: Sequence[int] | NDArray[np.int64]) -> NDArray[np.int64]:
+def _placed(place: dict[int, int], index: Sequence[int] | IntArray) -> IntArray:
     return np.array([place[int(column)] for column in index], dtype=np.int64)

@@ -24,51 +24,50 @@ from estimators.regression.evidence import REACH
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.regression.evidence import Posterior
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
-def without(problem: RegressionProblem, solution: Solution, member: int) -> Posterior:
+def without(solution: Solution, member: int) -> Posterior:
     """Fit the set without one of its members."""
-    return solution.having(problem.less(solution.members, (member,))).fitted
+    return solution.having(solution.problem.less(solution.members, (member,))).fitted
 
 
-def coefficients(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+def coefficients(solution: Solution, member: int) -> FloatArray:
     """Return the fitted coefficients (c,) of a member of a set."""
-    return solution.fitted.mean[own_coefficients(problem, solution, member)]
+    return solution.fitted.mean[own_coefficients(solution, member)]
 
 
-def own_coefficients(problem: RegressionProblem, solution: Solution, member: int) -> slice:
+def own_coefficients(solution: Solution, member: int) -> slice:
     """Return where the coefficients of a member of a set stand among all that are fitted."""
-    at = problem.nuisance.prior.index.size
+    at = solution.problem.nuisance.prior.index.size
     for i in solution.members:
-        size = problem.candidates[i].prior.index.size
+        size = solution.problem.candidates[i].prior.index.size
         if i == member:
             return slice(at, at + size)
         at += size
     raise KeyError(member)
 
 
-def left_by_tolerances(problem: RegressionProblem, solution: Solution) -> FloatArray:
+def left_by_tolerances(solution: Solution) -> FloatArray:
     """Return the residual (K, n) of values moved within their tolerances, and of no effect [N m].
 
     Joints of which the simulation states no friction have Coulomb and viscous friction.
     """
-    first, base = _of_base(problem, solution)
+    first, base = _of_base(solution)
     return first.left(base.fitted)
 
 
-def left_by_base(problem: RegressionProblem, solution: Solution) -> FloatArray:
+def left_by_base(solution: Solution) -> FloatArray:
     """Return the same of a simulation, which has nothing of what sensors add [N m]."""
-    first, base = _of_base(problem, solution)
+    first, base = _of_base(solution)
     return first.left_without_sensors(base.fitted)
 
 
-def _of_base(problem: RegressionProblem, solution: Solution) -> tuple[RegressionProblem, Solution]:
+def _of_base(solution: Solution) -> tuple[RegressionProblem, Solution]:
+    problem = solution.problem
     first = problem.first or problem  # columns around what was found say nothing of a set without
     if first is not problem:
         solution = fitted(first, (), solution.noise)
@@ -85,27 +84,27 @@ def own_joints(problem: RegressionProblem, member: int) -> list[int]:
     return list(range(problem.observed.n) if everywhere else candidate.joints)
 
 
-def contribution(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+def contribution(solution: Solution, member: int) -> FloatArray:
     """Return the held-out mean square that a member removes at each joint, (n,) [N² m²]."""
-    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    problem = solution.problem
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     return taken_off(left, bare, problem.split.held_out)
 
 
-def contribution_of_all(problem: RegressionProblem, solution: Solution) -> FloatArray:
+def contribution_of_all(solution: Solution) -> FloatArray:
     """Return the held-out mean square that a set removes beyond its base, (n,) [N² m²]."""
+    problem = solution.problem
     base = solution.search.evidence.posterior(solution.search.prior(problem.base))
     left = problem.left(solution.fitted)
     return taken_off(left, problem.left(base), problem.split.held_out)
 
 
-def taken_off(left: FloatArray, bare: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def taken_off(left: FloatArray, bare: FloatArray, rows: BoolArray) -> FloatArray:
     """Return by how much the mean square of one residual is below another's, (n,) [N² m²]."""
     return rmse(bare, rows) ** 2 - rmse(left, rows) ** 2
 
 
-def material(
-    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
-) -> float:
+def error_removed(solution: Solution, member: int, joints: Sequence[int] | None = None) -> float:
     """Return the error that a member removes at the joint where it does most [errors left].
 
     Counted on rows held out, each block in turn: a few blocks may hold but one reversal. What fades
@@ -113,14 +112,14 @@ def material(
     rows, but nothing where it makes those held out clearly worse.
 
     Args:
-        problem: What is compared.
         solution: The set.
         member: Of it.
         joints: That count (0-based); by default those that it acts on.
     """
+    problem = solution.problem
     less = problem.less(solution.members, (member,))
-    (ahead, behind), rows = in_turn(problem, solution, solution.members, less)
-    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    (ahead, behind), rows = in_turn(solution, solution.members, less)
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     moving = problem.observed.moving
     gained, proven = taken_off(left, bare, moving), taken_off(ahead, behind, rows)
     shown = proven >= -MATTERS * gained
@@ -133,104 +132,95 @@ def material(
     return float(np.sqrt(max(part[counted].max(), 0.0)))
 
 
-def sure(
-    problem: RegressionProblem, solution: Solution, member: int, joints: Sequence[int] | None = None
-) -> bool:
+def surely_helps(solution: Solution, member: int, joints: Sequence[int] | None = None) -> bool:
     """Say whether a member lowers errors of some joints, whichever blocks had been recorded.
 
     Nor may those get worse that are held out for good, and that a report shows. Of what misses most
     of the rows that are held out, those cannot say.
 
     Args:
-        problem: What is compared.
         solution: The set.
         member: Of it.
         joints: That count (0-based), together; by default those that it acts on.
     """
-    if seldom(problem, solution, member):
+    problem = solution.problem
+    if acts_seldom(solution, member):
         return True
-    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     counted = own_joints(problem, member) if joints is None else list(joints)
     less, shown = problem.less(solution.members, (member,)), problem.split.held_out
     gained = np.sum((taken_off(left, bare, shown) / _square(left, shown))[counted])
     if gained <= ROUNDING:
         return False
-    return surely_better(problem, solution, solution.members, less, counted)
+    return surely_better(solution, solution.members, less, counted)
 
 
-def seldom(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def acts_seldom(solution: Solution, member: int) -> bool:
     """Say whether a member acts so seldom that rows held out in turn miss most of it."""
+    problem = solution.problem
     less = problem.less(solution.members, (member,))
-    left, bare = problem.left(solution.fitted), problem.left(without(problem, solution, member))
+    left, bare = problem.left(solution.fitted), problem.left(without(solution, member))
     rows = problem.rotation(solution.noise, (*solution.members, *less)).held_out
     missed = _misses(left, bare, rows, problem.observed.moving)
     return bool(missed[own_joints(problem, member)].any())
 
 
-def relieves(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def keeps_values_off_limits(solution: Solution, member: int) -> bool:
     """Say whether several stated values would have to be as far off as they may without a member.
 
     Few rows show little more error then, since those values stand in for it. But that several are
     so far off at once is far less likely than the member.
     """
-    return strains(problem, solution, without(problem, solution, member))
+    return puts_values_at_limits(solution, without(solution, member))
 
 
-def strains(problem: RegressionProblem, solution: Solution, other: Posterior) -> bool:
+def puts_values_at_limits(solution: Solution, other: Posterior) -> bool:
     """Say whether another fit has several more stated values as far off as they may be.
 
     Args:
-        problem: What is fitted.
         solution: This.
         other: Fit of another set.
     """
-    count = problem.nuisance.prior.index.size
+    count = solution.problem.nuisance.prior.index.size
     ahead, behind = (
-        ~np.isnan(solution.search.evidence.at_limit(fit)[:count]) & problem.nuisance.entered
+        ~np.isnan(solution.search.evidence.at_limit(fit)[:count])
+        & solution.problem.nuisance.entered
         for fit in (solution.fitted, other)
     )
     return int(behind.sum()) - int(ahead.sum()) >= CONTRIBUTION.relieved
 
 
-def convincing(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def convincing(solution: Solution, member: int) -> bool:
     """Say whether a member removes enough error where it acts, and surely so, to be a finding.
 
     What is small, and next to nothing of what the set explains there, is imprecision of the others.
     """
-    if relieves(problem, solution, member):
+    if keeps_values_off_limits(solution, member):
         return True
-    size = material(problem, solution, member)
-    if size < CONTRIBUTION.material or not sure(problem, solution, member):
+    size = error_removed(solution, member)
+    if size < CONTRIBUTION.material or not surely_helps(solution, member):
         return False
     if size >= 1.0:
         return True
-    least = (1.0 - JUDGEMENT.precise) * contribution_of_all(problem, solution)
-    own = own_joints(problem, member)
-    return bool((contribution(problem, solution, member) >= least)[own].any())
+    least = (1.0 - JUDGEMENT.precise) * contribution_of_all(solution)
+    own = own_joints(solution.problem, member)
+    return bool((contribution(solution, member) >= least)[own].any())
 
 
 def surely_better(
-    problem: RegressionProblem,
-    solution: Solution,
-    ahead: tuple[int, ...],
-    behind: tuple[int, ...],
-    joints: Sequence[int],
+    solution: Solution, ahead: tuple[int, ...], behind: tuple[int, ...], joints: Sequence[int]
 ) -> bool:
     """Say whether one set surely predicts rows of some joints (0-based) better than another.
 
     Each block is held out in turn, and whichever of them had been recorded.
     """
-    (left, bare), rows = in_turn(problem, solution, ahead, behind)
+    (left, bare), rows = in_turn(solution, ahead, behind)
     left, bare, rows = left[:, joints], bare[:, joints], rows[:, joints]
-    return surely_less(left, bare, rmse(left, rows), problem.observed, rows)
+    return surely_less(left, bare, rmse(left, rows), solution.problem.observed, rows)
 
 
 def surely_less(
-    left: FloatArray,
-    bare: FloatArray,
-    scale: FloatArray,
-    observed: Observations,
-    rows: NDArray[np.bool_],
+    left: FloatArray, bare: FloatArray, scale: FloatArray, observed: Observations, rows: BoolArray
 ) -> bool:
     """Say whether one residual is surely smaller than another, whichever blocks were recorded.
 
@@ -245,42 +235,43 @@ def surely_less(
     return surely_positive(gained, observed, rows)
 
 
-def in_turn(
-    problem: RegressionProblem, solution: Solution, *sets: tuple[int, ...]
-) -> tuple[list[FloatArray], NDArray[np.bool_]]:
+def in_turn(solution: Solution, *sets: tuple[int, ...]) -> tuple[list[FloatArray], BoolArray]:
     """Return what sets leave (K, n) where each block is held out once [N m], and those rows."""
-    rotation = problem.rotation(solution.noise, [member for some in sets for member in some])
+    rotation = solution.problem.rotation(
+        solution.noise, [member for some in sets for member in some]
+    )
     return [rotation.left(solution.search.prior(some)) for some in sets], rotation.held_out
 
 
 def _misses(
-    left: FloatArray, bare: FloatArray, held_out: NDArray[np.bool_], moving: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+    left: FloatArray, bare: FloatArray, held_out: BoolArray, moving: BoolArray
+) -> BoolArray:
     """Mark the joints (n,) on which rows held out have little of what a member adds."""
     added = bare - left
     return np.asarray(rmse(added, held_out) ** 2 < 0.5 * rmse(added, moving) ** 2)
 
 
-def _square(left: FloatArray, rows: NDArray[np.bool_]) -> FloatArray:
+def _square(left: FloatArray, rows: BoolArray) -> FloatArray:
     return np.maximum(rmse(left, rows) ** 2, TINY**2)
 
 
-def changes_only_sign_width(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def changes_only_sign_width(solution: Solution, member: int) -> bool:
     """Say whether a member makes stated friction sharper or softer, of a size that it may have."""
+    problem = solution.problem
     candidate = problem.candidates[member]
     if not candidate.other_width:
         return False
     sizes = problem.nuisance.of([candidate.place])
     # of the given simulation: here, values may be held as they are stated
     deviation = (problem.first or problem).nuisance.prior.deviation[sizes]
-    return bool((np.abs(change_of(problem, solution, member)) <= REACH * deviation).all())
+    return bool((np.abs(change_of(solution, member)) <= REACH * deviation).all())
 
 
-def change_of(problem: RegressionProblem, solution: Solution, member: int) -> FloatArray:
+def change_of(solution: Solution, member: int) -> FloatArray:
     """Return by which part of it each size of a stated effect changes, (c,).
 
     That is what its tolerance takes of the change, and what the member adds.
     """
-    sizes = problem.nuisance.of([problem.candidates[member].place])
+    sizes = solution.problem.nuisance.of([solution.problem.candidates[member].place])
     within = solution.fitted.mean[: sizes.size][sizes]
-    return within + coefficients(problem, solution, member)
+    return within + coefficients(solution, member)

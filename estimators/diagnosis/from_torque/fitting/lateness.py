@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution, fitted
+from estimators.diagnosis.from_torque.fitting.problem import Solution, fitted
 from estimators.diagnosis.from_torque.hypotheses.candidates import entered
 from estimators.diagnosis.from_torque.hypotheses.catalogue import found_in
 from estimators.diagnosis.settings.fitting import CANDIDATES, LATENESS
@@ -58,22 +58,19 @@ def has_long(candidate: Candidate) -> bool:
     )
 
 
-def with_torque_delay(
-    problem: RegressionProblem, solution: Solution, unknown: Collection[int]
-) -> tuple[RegressionProblem, Solution] | None:
+def with_torque_delay(solution: Solution, unknown: Collection[int]) -> Solution | None:
     """Return a set with the lag or delay in it that brings most, to be taken up again around it.
 
     Args:
-        problem: What the set was found on.
         solution: A set without that lateness, or with another of that joint.
         unknown: Joints (0-based) that it leaves unexplained, which come first.
 
     Returns:
-        The problem with that candidate, and the set; None where no lateness brings enough.
+        The set, on a problem with that candidate; None where no lateness brings enough.
     """
+    problem = solution.problem
     found = [
-        _of_joint(problem, solution, joint, long=joint in unknown)
-        for joint in range(problem.observed.n)
+        _of_joint(solution, joint, long=joint in unknown) for joint in range(problem.observed.n)
     ]
     least = CANDIDATES.missing + np.log(len(found) * len(_LAWS) * len(TIMES))
     clear = [item for item in found if item is not None and item.gain >= least]
@@ -89,17 +86,16 @@ def with_torque_delay(
     whole = fitted(problem, (*rest.members, len(problem.candidates) - 1), rest.noise)
     mean = np.append(rest.fitted.mean, 1.0)
     mean[best.changed] = best.coefficients
-    return problem, replace(whole, fitted=replace(whole.fitted, mean=mean))
+    return replace(whole, fitted=replace(whole.fitted, mean=mean))
 
 
-def _of_joint(
-    problem: RegressionProblem, solution: Solution, joint: int, *, long: bool
-) -> _Late | None:
+def _of_joint(solution: Solution, joint: int, *, long: bool) -> _Late | None:
     """Return how late the torque of a joint (0-based) is taken to be, if later is better.
 
     All the times are tried of a joint that may be late by much (`long`). Elsewhere those do that
     begin to help, beside effects of the joint: without any, the lateness competed already.
     """
+    problem = solution.problem
     members = [problem.candidates[member] for member in solution.members]
     rest = tuple(
         i
@@ -107,13 +103,13 @@ def _of_joint(
         if not (item.effect == TimeDelay.name and joint in item.joints)
     )
     if len(rest) == len(members):
-        alone = _OneJoint.of(problem, solution, joint)
+        alone = _OneJoint.of(solution, joint)
         return _latest(alone, solution, _IN_TIME, long=long) if alone.own or long else None
     known = found_in(problem.under(solution).simulation, TimeDelay.name, (joint + 1,), missing=True)
     if not isinstance(known, TimeDelay):
         return None
     without = fitted(problem, rest, solution.noise)
-    return _latest(_OneJoint.of(problem, without, joint), without, known, long=True)
+    return _latest(_OneJoint.of(without, joint), without, known, long=True)
 
 
 @dataclass(frozen=True)
@@ -145,7 +141,8 @@ class _OneJoint:
     whiten: Callable[[FloatArray], FloatArray]  # (K, ...) -> rows that are fitted
 
     @classmethod
-    def of(cls, problem: RegressionProblem, solution: Solution, joint: int) -> _OneJoint:
+    def of(cls, solution: Solution, joint: int) -> _OneJoint:
+        problem = solution.problem
         members = [problem.candidates[member] for member in solution.members]
         priors = [problem.nuisance.prior, *(item.prior for item in members)]
         index = np.concatenate([prior.index for prior in priors])

@@ -38,13 +38,11 @@ from limo_driver.physics.effect import TorqueEffect
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.residuals.noise import Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Hypothesis, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -56,24 +54,22 @@ class Likeliest:
     laws: tuple[LawEvidence, ...]  # the evidence of the named ones, best first
 
 
-def likeliest(
-    problem: RegressionProblem, solution: Solution, member: int, other: int, around: Setting
-) -> Likeliest:
+def likeliest(solution: Solution, member: int, other: int, around: Setting) -> Likeliest:
     """Let the laws of an effect compete in a member's place.
 
     Args:
-        problem: What is fitted.
         solution: The set with the member.
         member: In whose place.
         other: A candidate of the effect; the member itself for its own.
         around: Everything else of the set.
     """
-    near = _best_of_each(problem, solution, member, other)
+    problem = solution.problem
+    near = _best_of_each(solution, member, other)
     competing = [*near, *rivals(near[0]), *with_fewer_lines(near[0], problem.observed)]
     for i, item in enumerate(problem.candidates):
         if item.hypothesis is not None and any(item.hypothesis is one for one in near):
             found = solution.having((*(m for m in solution.members if m != member), i))
-            competing += _of_few_slips(item.hypothesis, coefficients(problem, found, i))
+            competing += _of_few_slips(item.hypothesis, coefficients(found, i))
     tried = [refine(hypothesis, around) for hypothesis in competing]
     setting = 0.5 * float(np.log(problem.split.fitted.sum()))  # [nat]
     scored = [(hypothesis, gain - setting * len(hypothesis.settings)) for hypothesis, gain in tried]
@@ -86,12 +82,13 @@ def likeliest(
     return Likeliest(best, evidence - problem.candidates[other].price, named)
 
 
-def confused(problem: RegressionProblem, solution: Solution, member: int) -> list[int]:
+def confused(solution: Solution, member: int) -> list[int]:
     """Return the best candidate of each effect that may only look worse for its settings.
 
     Those have settings that were tried on a grid, as a member has, are confused with it by what the
     catalogue says, act at the same joints, and bring most of what it brings as they are.
     """
+    problem = solution.problem
     own, taken = problem.candidates[member], {problem.candidates[i].slot for i in solution.members}
     gain, rest = solution.search.gain, tuple(i for i in solution.members if i != member)
     enough = gain(rest) + CONTRIBUTION.most * (gain((*rest, member)) - gain(rest))
@@ -113,18 +110,16 @@ def compete(other: Candidate, own: Candidate) -> bool:
     return bool(both) and confusion_of(other.effect, own.effect) is not None
 
 
-def _best_of_each(
-    problem: RegressionProblem, solution: Solution, member: int, other: int
-) -> list[Hypothesis]:
+def _best_of_each(solution: Solution, member: int, other: int) -> list[Hypothesis]:
     """Return the best hypothesis of each law of an effect in a member's place, best first.
 
     Of equations that have no name, those that are far behind are left out.
     """
     rest = tuple(i for i in solution.members if i != member)
     best: dict[object, tuple[float, Hypothesis]] = {}
-    for i, candidate in enumerate(problem.candidates):
+    for i, candidate in enumerate(solution.problem.candidates):
         hypothesis = candidate.hypothesis
-        if hypothesis is None or candidate.place != problem.candidates[other].place:
+        if hypothesis is None or candidate.place != solution.problem.candidates[other].place:
             continue
         law = hypothesis.law or getattr(hypothesis.family, "func", None)
         gain = solution.search.gain((*rest, i))
@@ -254,7 +249,7 @@ class _Local:
         self.base = base
         size = base.index.size
         self._gram, self._product = np.zeros((size, size)), np.zeros(size)
-        self._white: list[tuple[FloatArray, NDArray[np.int64], FloatArray]] = []
+        self._white: list[tuple[FloatArray, IntArray, FloatArray]] = []
         place = {int(column): k for k, column in reversed(list(enumerate(base.index)))}
         for joint in range(around.problem.observed.n):
             values, at = around.problem.columns.of_joint(joint)
@@ -310,7 +305,7 @@ def replaced(candidate: Candidate, hypothesis: Hypothesis, around: Setting) -> C
     return new and replace(new, **{name: getattr(candidate, name) for name in kept})
 
 
-def in_domains(found: Observations, given: Simulation, rows: NDArray[np.bool_]) -> Observations:
+def in_domains(found: Observations, given: Simulation, rows: BoolArray) -> Observations:
     """Return the recordings with a simulation that says of which motion its laws were learned.
 
     Those are the laws that were missing. A slope of friction that was stated, and moved, goes on as
@@ -371,7 +366,7 @@ def farther(found: Observations, given: Simulation) -> Observations:
     return found.under(replace(simulation, effects=tuple(map(reaching, simulation.effects))))
 
 
-def _seen(found: Observations, effect: TorqueEffect, rows: NDArray[np.bool_]) -> dict[str, Any]:
+def _seen(found: Observations, effect: TorqueEffect, rows: BoolArray) -> dict[str, Any]:
     """Return the motion of some rows (K,), as the domain of an effect has it."""
     slow, j = found.slow, effect.joint - 1
     if not rows.any():

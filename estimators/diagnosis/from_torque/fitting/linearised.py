@@ -56,11 +56,9 @@ from limo_driver.errors import ConfigError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 Place: TypeAlias = "tuple[str, Sequence[int], bool]"  # effect, joints (1-based), if missing
 
@@ -106,7 +104,7 @@ class Linearised:
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)
 
-    def step(self, split: NDArray[np.bool_]) -> Observations | None:
+    def step(self, split: BoolArray) -> Observations | None:
         """Find a simulation that fits the rows of a split (K, n) better.
 
         First with everything free, and no joint may err more. Errors that are alike in time would
@@ -144,7 +142,7 @@ class Linearised:
                 return trial
         return None
 
-    def learned_from(self, split: NDArray[np.bool_], given: Simulation) -> Observations:
+    def learned_from(self, split: BoolArray, given: Simulation) -> Observations:
         """Return the recordings with what a part of the rows (K, n) would have taught.
 
         By one step from what all of them did. What those rows say nothing of is as it is given: so
@@ -160,12 +158,7 @@ class Linearised:
         return self.observed
 
     def _newton(
-        self,
-        residual: FloatArray,
-        noise: Noise,
-        split: NDArray[np.bool_],
-        start: FloatArray,
-        known: Prior,
+        self, residual: FloatArray, noise: Noise, split: BoolArray, start: FloatArray, known: Prior
     ) -> FloatArray:
         """Return the changes (c,) of all coefficients that fit a residual best.
 
@@ -214,7 +207,7 @@ class Linearised:
         return spread[: ends[0]], [spread[a:b] for a, b in pairwise(ends.tolist())]
 
     @property
-    def entered(self) -> NDArray[np.bool_]:
+    def entered(self) -> BoolArray:
         """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
         of_found = np.ones(sum(part.index.size for part in self.own), dtype=bool)
         return np.concatenate([self.nuisance.entered, of_found])
@@ -268,7 +261,7 @@ class _Information:
 
     gram: FloatArray  # (n, c, c)
     product: FloatArray  # (n, c)
-    white: tuple[tuple[NDArray[np.bool_], NDArray[np.int64], FloatArray, FloatArray], ...]
+    white: tuple[tuple[BoolArray, IntArray, FloatArray, FloatArray], ...]
     # of each joint: rows (K,), which coefficients, their columns on those rows, the residual there
 
     @classmethod
@@ -276,7 +269,7 @@ class _Information:
         use, size = observed.moving, prior.index.size
         noise = Noise.of(observed.residual, use, observed.segment, observed.least_noise)
         gram, product = np.zeros((observed.n, size, size)), np.zeros((observed.n, size))
-        white: list[tuple[NDArray[np.bool_], NDArray[np.int64], FloatArray, FloatArray]] = []
+        white: list[tuple[BoolArray, IntArray, FloatArray, FloatArray]] = []
         for joint in range(observed.n):
             values, at = columns.of_joint(joint)
             rows = use[:, joint]
@@ -302,7 +295,7 @@ class _Information:
         """Coefficients by all joints together, (c,): where scores, which count, sum to none."""
         return self.inverse @ self.product.sum(axis=0)
 
-    def scores(self, block: NDArray[np.int64]) -> FloatArray:
+    def scores(self, block: IntArray) -> FloatArray:
         """Return scores beside the best coefficients, summed over blocks of time, (blocks, c)."""
         result = np.zeros((int(block.max()) + 1, self.best.size))
         for rows, at, own, y in self.white:
@@ -333,7 +326,7 @@ def _root(gram: FloatArray) -> FloatArray:
 
 
 def polished(
-    around: Observations, given: Simulation, split: NDArray[np.bool_], places: Sequence[Place]
+    around: Observations, given: Simulation, split: BoolArray, places: Sequence[Place]
 ) -> Observations:
     """Fit all parameters once more, linearised where they are now.
 
@@ -379,7 +372,7 @@ def _without(effects: Sequence[Effect], some: Sequence[Effect]) -> tuple[Effect,
     return tuple(effect for effect in effects if not any(effect is other for other in some))
 
 
-def _energy(residual: FloatArray, noise: Noise, use: NDArray[np.bool_]) -> float:
+def _energy(residual: FloatArray, noise: Noise, use: BoolArray) -> float:
     white = (noise.whiten(residual[:, j], j, use[:, j]) for j in range(residual.shape[1]))
     return float(sum(values @ values for values in white))
 
@@ -394,7 +387,7 @@ def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Pr
     return Prior.free(columns.add(joints, values), np.array([e.deviation for e in entries]))
 
 
-def _blocks(observed: Observations) -> NDArray[np.int64]:
+def _blocks(observed: Observations) -> IntArray:
     """Number the block of time of each row, (K,)."""
     length = block_of(observed, NEWTON.block)
     return blocks_of_time(observed.slow.time, observed.segment, length)

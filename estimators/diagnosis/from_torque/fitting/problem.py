@@ -41,13 +41,11 @@ from limo_driver.physics import Tolerances
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.stages import Progress
     from estimators.regression.evidence import NormalEquations
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass
@@ -182,7 +180,7 @@ class RegressionProblem:
         A set that stays is asked about by whoever prunes, judges or searches around it.
         """
         if not (self._beside and self._beside[0][0] is solution):
-            self._beside[:] = [(solution, self.observed.under(improve(self, solution)))]
+            self._beside[:] = [(solution, self.observed.under(improve(solution)))]
         return self._beside[0][1]
 
     def holding(self, limits: FloatArray | None) -> RegressionProblem:
@@ -206,12 +204,12 @@ class RegressionProblem:
         ]
         return self.with_candidates(fewer)
 
-    def undisturbed(self, rows: NDArray[np.bool_]) -> RegressionProblem:
+    def undisturbed(self, rows: BoolArray) -> RegressionProblem:
         """Return the same, where something pushed on some rows (K,): those count no more."""
         observed = self.observed.undisturbed(rows)
         return replace(self, observed=observed, split=Split.of(observed), held=None)
 
-    def as_stated(self, some: NDArray[np.bool_]) -> RegressionProblem:
+    def as_stated(self, some: BoolArray) -> RegressionProblem:
         """Return the same, with some of the nuisance's coefficients (c,) exactly as stated."""
         nuisance, candidates = self.nuisance.certain(some), list(self.candidates)
         first = self.first or self
@@ -227,7 +225,7 @@ class RegressionProblem:
         of_effect = np.array([item.of_effect for item in self.nuisance.parameters], dtype=bool)
         return self._exactly(tolerances, self.nuisance.entered & ~of_effect)
 
-    def _exactly(self, tolerances: Tolerances, some: NDArray[np.bool_]) -> RegressionProblem:
+    def _exactly(self, tolerances: Tolerances, some: BoolArray) -> RegressionProblem:
         """Return the same under other tolerances, with some coefficients (c,) as stated."""
         observed = self.observed
         exact = replace(observed.simulation, tolerances=tolerances)
@@ -271,6 +269,7 @@ class RegressionProblem:
 class Solution:
     """The chosen set and its fit."""
 
+    problem: RegressionProblem
     members: tuple[int, ...]
     search: Search
     noise: Noise
@@ -287,7 +286,7 @@ def fitted(problem: RegressionProblem, members: tuple[int, ...], noise: Noise) -
     """Fit a given set under given noise, to the rows meant for it."""
     search = search_on(problem, noise)
     posterior = search.evidence.posterior(search.prior(members))
-    return Solution(members, search, noise, posterior, search.gain(members))
+    return Solution(problem, members, search, noise, posterior, search.gain(members))
 
 
 def search_on(problem: RegressionProblem, noise: Noise) -> Search:
@@ -297,31 +296,32 @@ def search_on(problem: RegressionProblem, noise: Noise) -> Search:
     return Search(problem.candidates, evidence, problem.base)
 
 
-def improve(problem: RegressionProblem, solution: Solution) -> Simulation:
+def improve(solution: Solution) -> Simulation:
     """Write nuisance shifts and findings into the simulation, but for `impossible` members."""
-    return _entered(problem, solution)[0]
+    return _entered(solution)[0]
 
 
-def simulated(problem: RegressionProblem, solution: Solution) -> FloatArray:
+def simulated(solution: Solution) -> FloatArray:
     """Return what the simulation of a fit leaves, (K, n) [N m]."""
-    return problem.under(solution).residual
+    return solution.problem.under(solution).residual
 
 
-def lost_by(problem: RegressionProblem, solution: Solution) -> dict[int, float]:
+def lost_by(solution: Solution) -> dict[int, float]:
     """Return what members lose of the evidence where their bodies are ones that can be [nat]."""
-    observed, search = problem.observed, solution.search
-    members = [problem.candidates[member] for member in solution.members]
+    observed, search = solution.problem.observed, solution.search
+    members = [solution.problem.candidates[member] for member in solution.members]
     found = search.evidence.coefficients(search.prior(solution.members))
     lost = lost_by_bodies(observed.simulation.model, observed.extents, members, found)
     return {solution.members[place]: nats for place, nats in lost.items()}
 
 
-def impossible(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
+def impossible(solution: Solution) -> tuple[int, ...]:
     """Return the members whose fitted values no such effect can have, as a gain below -1."""
-    return _entered(problem, solution)[1]
+    return _entered(solution)[1]
 
 
-def _entered(problem: RegressionProblem, solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
+def _entered(solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
+    problem = solution.problem
     observed = problem.observed
     improvement = Improvement(observed.simulation, observed.extents)
     members = [problem.candidates[member] for member in solution.members]

@@ -10,10 +10,10 @@ import numpy as np
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     changes_only_sign_width,
-    material,
+    error_removed,
+    keeps_values_off_limits,
     own_coefficients,
-    relieves,
-    sure,
+    surely_helps,
     without,
 )
 from estimators.diagnosis.from_torque.fitting.laws import Setting, confused, likeliest, replaced
@@ -37,51 +37,52 @@ from limo_driver.physics.effect import MotionEffect
 if TYPE_CHECKING:
     from collections.abc import Collection
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.stages import Progress
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
-def pruned(problem: RegressionProblem, solution: Solution) -> Solution:
+def pruned(solution: Solution) -> Solution:
     """Take out members that matter little or harm: precise, perhaps, but not physics to name.
 
     First those that cannot be as they are fitted: a competitor out of range ends no diagnosis.
     """
-    while refused := impossible(problem, solution):
-        solution = _less(problem, solution, refused)
-    while (runaway := _runaway(problem, solution)) is not None:
-        solution = _less(problem, solution, (runaway,))
-    everywhere = range(problem.observed.n)  # what one joint lacks, bodies fit in part at all
-    while idle := [member for member in solution.members if not _helps(problem, solution, member)]:
-        size = {member: material(problem, solution, member, everywhere) for member in idle}
-        solution = _less(problem, solution, (min(idle, key=lambda member: size[member]),))
+    while refused := impossible(solution):
+        solution = _less(solution, refused)
+    while (runaway := _runaway(solution)) is not None:
+        solution = _less(solution, (runaway,))
+    everywhere = range(
+        solution.problem.observed.n
+    )  # what one joint lacks, bodies fit in part at all
+    while idle := [member for member in solution.members if not _helps(solution, member)]:
+        size = {member: error_removed(solution, member, everywhere) for member in idle}
+        solution = _less(solution, (min(idle, key=lambda member: size[member]),))
     return solution
 
 
-def _helps(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _helps(solution: Solution, member: int) -> bool:
     """Say whether a member lowers errors: much, and whichever blocks of time had been recorded.
 
     Every joint rubs, and which law of friction it follows is a choice that has to be made: for the
     likelier law either will do, where it is felt at all: some sensors see no friction. Whether a
     member is a finding is another question.
     """
-    if _relieves_sensors(problem, solution, member) or relieves(problem, solution, member):
+    if _relieves_sensors(solution, member) or keeps_values_off_limits(solution, member):
         return True
-    everywhere = range(problem.observed.n)
-    size = material(problem, solution, member, everywhere)
-    if is_friction(problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
-        return size >= CONTRIBUTION.material or sure(problem, solution, member, everywhere)
-    return size >= CONTRIBUTION.material and sure(problem, solution, member, everywhere)
+    everywhere = range(solution.problem.observed.n)
+    size = error_removed(solution, member, everywhere)
+    if is_friction(solution.problem.candidates[member].effect) and size >= CONTRIBUTION.felt:
+        return size >= CONTRIBUTION.material or surely_helps(solution, member, everywhere)
+    return size >= CONTRIBUTION.material and surely_helps(solution, member, everywhere)
 
 
-def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _relieves_sensors(solution: Solution, member: int) -> bool:
     """Say whether sensors would have to add as much as they may without a member.
 
     What they add is in no simulation, which then errs by it: so much, at least, as is worth naming.
     """
+    problem = solution.problem
     of_sensors = ~problem.nuisance.entered
-    fits = solution.fitted, without(problem, solution, member)
+    fits = solution.fitted, without(solution, member)
     ahead, behind = (
         ~np.isnan(solution.search.evidence.at_limit(fit)[: of_sensors.size]) & of_sensors
         for fit in fits
@@ -92,7 +93,7 @@ def _relieves_sensors(problem: RegressionProblem, solution: Solution, member: in
     return bool((bare**2 - left**2 >= CONTRIBUTION.material**2 * left**2).any())
 
 
-def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
+def _runaway(solution: Solution) -> int | None:
     """Return the member to blame where a simulation errs more than the given one; else None.
 
     A fit is linear in what it adds. The simulation need not follow it: a joint that is so soft that
@@ -104,80 +105,75 @@ def _runaway(problem: RegressionProblem, solution: Solution) -> int | None:
     """
     if not solution.members:
         return None
-    left = simulated(problem, solution)
-    if not _errs_too_much(problem, solution, left):
+    left = simulated(solution)
+    if not _errs_too_much(solution, left):
         return None
-    most = 0.5 * _deviation(problem, solution, solution, left)
+    most = 0.5 * _deviation(solution, solution, left)
     gain = {
-        member: _less(problem, solution, (member,)).gain
+        member: _less(solution, (member,)).gain
         for member in solution.members
-        if _deviation_without(problem, solution, member) < most
+        if _deviation_without(solution, member) < most
     }
-    errs = _in_errors(problem, solution, left)
+    errs = _in_errors(solution, left)
     for member in ranked(gain, gain.__getitem__):
-        fewer = simulated(problem, _less(problem, solution, (member,)))
-        if _in_errors(problem, solution, fewer) < errs:
+        fewer = simulated(_less(solution, (member,)))
+        if _in_errors(solution, fewer) < errs:
             return member
     return None
 
 
-def _in_errors(problem: RegressionProblem, whole: Solution, torque: FloatArray) -> float:
+def _in_errors(whole: Solution, torque: FloatArray) -> float:
     """Return how large torques (K, n) are [errors that a fit leaves], joints summed up."""
-    rows = problem.split.fitted
-    scale = np.maximum(rmse(problem.left(whole.fitted), rows), TINY)
+    rows = whole.problem.split.fitted
+    scale = np.maximum(rmse(whole.problem.left(whole.fitted), rows), TINY)
     return float(np.sum((rmse(torque, rows) / scale) ** 2))
 
 
-def _errs_too_much(problem: RegressionProblem, solution: Solution, left: FloatArray) -> bool:
+def _errs_too_much(solution: Solution, left: FloatArray) -> bool:
     """Say whether the simulation of a fit errs more at some joint than it may.
 
     It may err as the given one does, or somewhat more than the fit says.
     """
+    problem = solution.problem
     rows = problem.split.fitted
     given = np.maximum(rmse(problem.observed.residual, rows), TINY)
     linear = rmse(problem.left(solution.fitted), rows)
     return bool((rmse(left, rows) > np.maximum(given, 2 * linear)).any())
 
 
-def _deviation(
-    problem: RegressionProblem, whole: Solution, solution: Solution, left: FloatArray
-) -> float:
+def _deviation(whole: Solution, solution: Solution, left: FloatArray) -> float:
     """Return how far a simulation is from its fit [errors that the whole set leaves, summed up].
 
     Args:
-        problem: What is fitted.
         whole: The set that the errors are of.
         solution: The fit.
         left: What the simulation of it leaves, (K, n) [N m].
     """
     fit = solution.fitted
-    return _in_errors(problem, whole, left - problem.left(fit) - problem.sensed(fit))
+    return _in_errors(whole, left - whole.problem.left(fit) - whole.problem.sensed(fit))
 
 
-def _deviation_without(problem: RegressionProblem, solution: Solution, member: int) -> float:
+def _deviation_without(solution: Solution, member: int) -> float:
     """Return the deviation of a fit with a member at zero, and the others as they are."""
     mean = solution.fitted.mean.copy()
-    mean[own_coefficients(problem, solution, member)] = 0.0
+    mean[own_coefficients(solution, member)] = 0.0
     bare = replace(solution, fitted=replace(solution.fitted, mean=mean))
-    return _deviation(problem, solution, bare, simulated(problem, bare))
+    return _deviation(solution, bare, simulated(bare))
 
 
-def _less(problem: RegressionProblem, solution: Solution, some: Collection[int]) -> Solution:
+def _less(solution: Solution, some: Collection[int]) -> Solution:
     """Return a solution without some of its members, fitted again."""
-    return solution.having(problem.less(solution.members, some))
+    return solution.having(solution.problem.less(solution.members, some))
 
 
-def refined(
-    problem: RegressionProblem, solution: Solution, progress: Progress
-) -> tuple[RegressionProblem, Solution]:
+def refined(solution: Solution, progress: Progress) -> Solution:
     """Refine what is not linear in every member, one after the other.
 
     What is confused with a member is refined beside it, and takes its place where that makes it
     likelier: which of them is best on a grid of settings may be no more than the grid's chance.
-
-    Returns:
-        The problem with the refined candidates, and the solution with them for members.
+    The problem of what is returned has the refined candidates.
     """
+    problem = solution.problem
     members, candidates = list(solution.members), list(problem.candidates)
     for place, member in enumerate(members):
         progress("refining parameters", 0.65 + 0.1 * place / len(members))
@@ -187,8 +183,8 @@ def refined(
         others = joined(*(candidates[m].prior for m in members if m != member))
         around = Setting(problem, others, solution.noise)
         most = -np.inf
-        for other in (member, *confused(problem, solution, member)):
-            best = likeliest(problem, solution, member, other, around)
+        for other in (member, *confused(solution, member)):
+            best = likeliest(solution, member, other, around)
             candidates[other] = candidate = replace(candidates[other], laws=best.laws)
             at = other
             if best.hypothesis is not candidate.hypothesis:
@@ -202,29 +198,23 @@ def refined(
     more = len(candidates) > len(problem.candidates)
     problem = problem.with_candidates(candidates)
     if not more:
-        return problem, solution
-    return problem, fitted(problem, tuple(members), solution.noise)
+        return replace(solution, problem=problem)
+    return fitted(problem, tuple(members), solution.noise)
 
 
-def prune_refine_simplify(
-    problem: RegressionProblem, solution: Solution, progress: Progress
-) -> tuple[RegressionProblem, Solution]:
-    """Prune, refine and simplify a set; return it with the problem that has its candidates.
+def prune_refine_simplify(solution: Solution, progress: Progress) -> Solution:
+    """Prune, refine and simplify a set; its problem then has the candidates that it needs.
 
     Where that has impacts which were not recorded, another is sought without their play.
     """
-    problem, solution = refined(problem, pruned(problem, solution), progress)
-    simple = simplified(problem, pruned(problem, solution))
-    problem, simple = _of_one_width(problem, simple, progress)
-    simple = pruned(problem, loaded(problem, simple))
-    if not (silent := _not_recorded(problem, simple)):
-        return problem, simple
-    return prune_refine_simplify(*solve(problem.without_places(silent), progress), progress)
+    solution = simplified(pruned(refined(pruned(solution), progress)))
+    solution = pruned(loaded(_of_one_width(solution, progress)))
+    if not (silent := _not_recorded(solution)):
+        return solution
+    return prune_refine_simplify(solve(solution.problem.without_places(silent), progress), progress)
 
 
-def _not_recorded(
-    problem: RegressionProblem, solution: Solution
-) -> set[tuple[str, tuple[int, ...]]]:
+def _not_recorded(solution: Solution) -> set[tuple[str, tuple[int, ...]]]:
     """Return the members whose impacts were not recorded, as effects and joints (0-based).
 
     What is sharper than the filter is compared behind it, where a law of impacts bends to much that
@@ -232,7 +222,7 @@ def _not_recorded(
     Where less was, since the drive recoils, an impact still goes the way of its law, and is as
     sharp; or there was none.
     """
-    fit, found = problem.under(solution), set[tuple[str, tuple[int, ...]]]()
+    fit, found = solution.problem.under(solution), set[tuple[str, tuple[int, ...]]]()
     sharp = [
         effect
         for effect in fit.simulation.effects
@@ -256,12 +246,10 @@ def _not_recorded(
         few = np.sum(seen[stands_out]) < SOME * np.sum(stands_out)
         if few and np.sum(of_law**2) > np.sum(recorded**2):
             found.add((effect.name, tuple(own)))
-    return found & {problem.candidates[member].place for member in solution.members}
+    return found & {solution.problem.candidates[member].place for member in solution.members}
 
 
-def _of_one_width(
-    problem: RegressionProblem, solution: Solution, progress: Progress
-) -> tuple[RegressionProblem, Solution]:
+def _of_one_width(solution: Solution, progress: Progress) -> Solution:
     """Return a solution without stated friction over another width that found friction can have.
 
     Where friction along the range is found beside stated friction that is sharper, one takes from
@@ -270,7 +258,7 @@ def _of_one_width(
     foretells positions that only one block of time passed is chance, and says nothing of that.
     """
     for member in solution.members:
-        candidates = problem.candidates
+        candidates = solution.problem.candidates
         if not candidates[member].other_width:
             continue
         rest = tuple(other for other in solution.members if other != member)
@@ -280,45 +268,43 @@ def _of_one_width(
             for other in beside
         ):
             continue
-        less, bare = refined(problem, fitted(problem, rest, solution.noise), progress)
+        bare = refined(fitted(solution.problem, rest, solution.noise), progress)
+        less = bare.problem
         again = fitted(less, (*bare.members, member), solution.noise)
         left, lacking = (rmse(less.left(one.fitted), less.split.fitted) for one in (again, bare))
         if (lacking**2 - left**2 < CONTRIBUTION.material**2 * left**2).all():
-            problem, solution = less, bare
-    return problem, solution
+            solution = bare
+    return solution
 
 
-def settled_around(
-    problem: RegressionProblem, solution: Solution, progress: Progress
-) -> tuple[RegressionProblem, Solution]:
+def solve_around(solution: Solution, progress: Progress) -> Solution:
     """Search again around a set, and settle the one that is found there.
 
     A gain acts on the friction that was found beside it, too, and an offset of an encoder on the
     load of a heavier link. Around the given simulation, what such a pair makes of one another looks
     like one effect more, or hides one.
     """
-    problem, near = relinearised(problem, solution, progress)
-    return prune_refine_simplify(*solve(problem, progress, near), progress)
+    problem, near = relinearised(solution, progress)
+    return prune_refine_simplify(solve(problem, progress, near), progress)
 
 
-def suspects(
-    problem: RegressionProblem, solution: Solution, joints: Collection[int]
-) -> set[tuple[str, tuple[int, ...]]]:
+def suspects(solution: Solution, joints: Collection[int]) -> set[tuple[str, tuple[int, ...]]]:
     """Return the effects of which a fit has a value at its limit, and which may be wrong by it.
 
     At some joints (0-based) any of them; anywhere those whose value surely lies beyond its limit.
     None is of friction that is but sharper: there, a limit is no value that friction has.
     """
+    problem = solution.problem
     limited = ~np.isnan(solution.search.evidence.at_limit(solution.fitted))
     if not limited.any():
         return set()
     turned = {
         problem.candidates[member].place
         for member in solution.members
-        if changes_only_sign_width(problem, solution, member)
+        if changes_only_sign_width(solution, member)
     }
     limited &= ~problem.nuisance.of(turned)
-    far = limited & _surely_beyond(problem, solution, limited)
+    far = limited & _surely_beyond(solution, limited)
     return {
         item.place
         for item, limit, beyond in zip(problem.nuisance.parameters, limited, far, strict=True)
@@ -328,11 +314,9 @@ def suspects(
     }
 
 
-def _surely_beyond(
-    problem: RegressionProblem, solution: Solution, some: NDArray[np.bool_]
-) -> NDArray[np.bool_]:
+def _surely_beyond(solution: Solution, some: BoolArray) -> BoolArray:
     """Mark those of some nuisance coefficients (c,) that data put surely beyond their limits."""
-    nuisance, search = problem.nuisance.prior, solution.search
+    nuisance, search = solution.problem.nuisance.prior, solution.search
     free = np.where(some, SOLVING.unbound * nuisance.deviation, nuisance.deviation)
     fit = posterior(
         search.evidence.products, replace(nuisance, deviation=free), search.prior(solution.members)
@@ -342,16 +326,16 @@ def _surely_beyond(
     return np.abs(off) - REACH * sure > REACH * nuisance.deviation
 
 
-def linearisation_is_poor(problem: RegressionProblem, solution: Solution) -> bool:
+def linearisation_is_poor(solution: Solution) -> bool:
     """Say whether a solution's simulation leaves clearly more or less than its linear fit says."""
-    linear = problem.left_without_sensors(solution.fitted)
-    moving = problem.observed.moving
-    off, rest = rmse(simulated(problem, solution) - linear, moving), rmse(linear, moving)
+    linear = solution.problem.left_without_sensors(solution.fitted)
+    moving = solution.problem.observed.moving
+    off, rest = rmse(simulated(solution) - linear, moving), rmse(linear, moving)
     return bool((off > SOLVING.linearisation_is_poor * rest).any())
 
 
 def relinearised(
-    problem: RegressionProblem, solution: Solution, progress: Progress
+    solution: Solution, progress: Progress
 ) -> tuple[RegressionProblem, tuple[int, ...]]:
     """Lay everything out again, with columns around the simulation of a solution.
 
@@ -361,6 +345,7 @@ def relinearised(
     Returns:
         The problem, and the members of the solution on it.
     """
+    problem = solution.problem
     improved = problem.under(solution).simulation
     new = RegressionProblem.of(
         problem.observed.under(problem.observed.simulation, around=improved), progress

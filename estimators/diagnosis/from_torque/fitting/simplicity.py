@@ -22,7 +22,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     coefficients,
     in_turn,
-    strains,
+    puts_values_at_limits,
     surely_better,
     surely_less,
 )
@@ -44,20 +44,21 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def simplified(problem: RegressionProblem, solution: Solution) -> Solution:
+def simplified(solution: Solution) -> Solution:
     """Return a solution with simpler members, and fewer, wherever those predict as well."""
     for member in solution.members:
-        solution = _with_simpler(problem, solution, member)
-    while (fewer := _with_one_for_two(problem, solution)) is not solution:
+        solution = _with_simpler(solution, member)
+    while (fewer := _with_one_for_two(solution)) is not solution:
         solution = fewer
     return solution
 
 
-def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -> Solution:
+def _with_simpler(solution: Solution, member: int) -> Solution:
     """Put the simplest effect that does as well into a member's place; the likeliest of those."""
+    problem = solution.problem
     search, candidates = solution.search, problem.candidates
     own = candidates[member]
-    rest, others = _in_place_of(problem, solution, (member,))
+    rest, others = _in_place_of(solution, (member,))
     enough, as_likely = _enough(solution, rest), solution.gain - CONTRIBUTION.tellable
     simpler = [
         i
@@ -72,44 +73,42 @@ def _with_simpler(problem: RegressionProblem, solution: Solution, member: int) -
     for other in simpler:
         new = solution.having((*rest, other))
         everywhere = range(problem.observed.n)
-        if strains(problem, solution, new.fitted):
+        if puts_values_at_limits(solution, new.fitted):
             continue  # what a body does at other joints would be laid to stated values
         # one that is much likelier, since others were refined, needs no proof that it does as well
         if new.gain > solution.gain + CANDIDATES.missing or not surely_better(
-            problem, solution, solution.members, new.members, everywhere
+            solution, solution.members, new.members, everywhere
         ):
             return new
     return solution
 
 
-def _with_one_for_two(problem: RegressionProblem, solution: Solution) -> Solution:
+def _with_one_for_two(solution: Solution) -> Solution:
     """Put one effect into the place of two of a joint where the second would bring too little.
 
     Friction by a load that drives the joint is half of that by any load, less a gain: the pair fits
     a little better wherever the law of the one is not exact, but both names would be wrong.
     """
-    search, candidates = solution.search, problem.candidates
-    base = {candidates[i].place for i in problem.base}
+    search, candidates = solution.search, solution.problem.candidates
+    base = {candidates[i].place for i in solution.problem.base}
     named = [i for i in solution.members if candidates[i].place not in base]
     for pair in combinations(named, 2):
         joints = candidates[pair[0]].joints
         if not joints or candidates[pair[1]].joints != joints:
             continue
-        rest, others = _in_place_of(problem, solution, pair)
+        rest, others = _in_place_of(solution, pair)
         gains = {i: search.gain((*rest, i)) for i in others if candidates[i].joints == joints}
         if not gains or max(gains.values()) < _enough(solution, rest):
             continue
         new = solution.having((*rest, first_best(gains, gains.__getitem__)))
-        if not strains(problem, solution, new.fitted) and _does_as_well(problem, solution, new):
+        if not puts_values_at_limits(solution, new.fitted) and _does_as_well(solution, new):
             return new
     return solution
 
 
-def _in_place_of(
-    problem: RegressionProblem, solution: Solution, gone: Sequence[int]
-) -> tuple[tuple[int, ...], list[int]]:
+def _in_place_of(solution: Solution, gone: Sequence[int]) -> tuple[tuple[int, ...], list[int]]:
     """Return the other members, and the candidates that choose less than some members do."""
-    candidates = problem.candidates
+    candidates = solution.problem.candidates
     rest = tuple(i for i in solution.members if i not in gone)
     taken = {candidates[i].slot for i in rest}
     freedom = sum(_freedom(candidates[i]) for i in gone)
@@ -128,26 +127,30 @@ def _enough(solution: Solution, rest: Sequence[int]) -> float:
     return without + CONTRIBUTION.most * (solution.gain - without)
 
 
-def _does_as_well(problem: RegressionProblem, solution: Solution, fewer: Solution) -> bool:
+def _does_as_well(solution: Solution, fewer: Solution) -> bool:
     """Say whether fewer members leave hardly more: less than a finding has to take off.
 
     On rows that are held out in turn, and on all, which have every reversal.
     """
-    in_turns, rows = in_turn(problem, solution, solution.members, fewer.members)
-    everywhere = [problem.left(one.fitted) for one in (solution, fewer)]
+    in_turns, rows = in_turn(solution, solution.members, fewer.members)
+    everywhere = [solution.problem.left(one.fitted) for one in (solution, fewer)]
     most = 1.0 + CONTRIBUTION.material**2
     return all(
         bool((rmse(behind, use) ** 2 <= most * np.maximum(rmse(ahead, use), TINY) ** 2).all())
-        for (ahead, behind), use in ((in_turns, rows), (everywhere, problem.observed.moving))
+        for (ahead, behind), use in (
+            (in_turns, rows),
+            (everywhere, solution.problem.observed.moving),
+        )
     )
 
 
-def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
+def loaded(solution: Solution) -> Solution:
     """Return a solution with a load at the flange for a wrong last link, where one can be.
 
     It can where it has mass, its centre is near enough, and the simulation with it predicts motion
     held out no worse.
     """
+    problem = solution.problem
     candidates, last = problem.candidates, (problem.observed.n - 1,)
     places = [candidates[i].place for i in solution.members]
     if (LINK_INERTIA, last) not in places:
@@ -163,11 +166,11 @@ def loaded(problem: RegressionProblem, solution: Solution) -> Solution:
         return solution
     load = first_best(loads, lambda i: solution.search.gain((*rest, i)))
     new = solution.having(tuple(load if i == wrong else i for i in solution.members))
-    mass, *moment = coefficients(problem, new, load)[:4].tolist()
+    mass, *moment = coefficients(new, load)[:4].tolist()
     unit, lever = candidates[load].prior.deviation[:2].tolist()  # [kg], [kg m]
     if float(np.linalg.norm(moment)) > REACH * mass * lever / unit:  # as of any negative mass
         return solution
-    ahead, behind = (simulated(problem, item) for item in (new, solution))
+    ahead, behind = (simulated(item) for item in (new, solution))
     return solution if _surely_worse(problem, ahead, behind) else new
 
 

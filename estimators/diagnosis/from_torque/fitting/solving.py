@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 def solve(
     problem: RegressionProblem, progress: Progress, near: tuple[int, ...] | None = None
-) -> tuple[RegressionProblem, Solution]:
+) -> Solution:
     """Find the set of effects, or the best one near a set; noise and set in turn until both stay.
 
     The first noise is what a fit of everything at once leaves. Taken from a residual that still
@@ -44,26 +44,23 @@ def solve(
     While sets compete, tolerances are the deviations of normal priors, which thousands of rows
     outvote; fitted values stay inside them. So once more with those of bodies held that a fit has
     at their limit: what they would have explained beyond may be an effect, or a body that is wrong.
-
-    Returns:
-        The problem with the candidates and limits of the solution, and that.
+    The problem of what is returned has its candidates and limits.
     """
     problem, search = problem.holding(None), _Search(progress, near)
     noise = noise_of_everything(problem)
     if not any(has_long(candidate) for candidate in problem.candidates):
-        problem = having(problem, long_after(problem.observed.n))
-    problem = _scanned(problem, fitted(problem, problem.base, noise))
+        problem = with_hypotheses(problem, long_after(problem.observed.n))
+    problem = _scanned(fitted(problem, problem.base, noise))
     solution = search.best(problem, noise)
-    problem = _scanned(problem, solution)  # of what the largest effects hid
+    problem = _scanned(solution)  # of what the largest effects hid
     solution = search.until_it_stays(problem, solution)
     limits = solution.search.evidence.at_limit(solution.fitted)
     limits[problem.observed.chain.width :] = np.nan  # bodies come first
     if not np.isnan(limits).all():
-        limited = problem.holding(limits)
-        more = search.until_it_stays(limited, solution)
+        more = search.until_it_stays(problem.holding(limits), solution)
         if set(more.members) != set(solution.members):
-            problem, solution = limited, more
-    return search.of_possible_links(*search.of_possible_bodies(problem, solution))
+            solution = more
+    return search.of_possible_links(search.of_possible_bodies(solution))
 
 
 @dataclass(frozen=True)
@@ -80,10 +77,10 @@ class _Search:
         search = search_on(problem, noise)
         found = search.best() if self.near is None else search.around(self.near)
         posterior = search.evidence.posterior(search.prior(found.members))
-        return Solution(found.members, search, noise, posterior, found.gain)
+        return Solution(problem, found.members, search, noise, posterior, found.gain)
 
     def until_it_stays(self, problem: RegressionProblem, solution: Solution) -> Solution:
-        """Return the set at which noise and search in turn stay."""
+        """Return the set of a problem at which noise and search in turn stay, from one on."""
         for _ in range(SOLVING.rounds):
             before = set(solution.members)
             solution = self.best(problem, noise_left(problem, solution.fitted))
@@ -100,53 +97,52 @@ class _Search:
         )
         return problem.without_places(places), replace(self, near=near)
 
-    def of_possible_bodies(
-        self, problem: RegressionProblem, solution: Solution
-    ) -> tuple[RegressionProblem, Solution]:
+    def of_possible_bodies(self, solution: Solution) -> Solution:
         """Return a solution, or the best one without a body that would bring less within reach."""
         search = self
-        while lost := lost_by(problem, solution):
+        while lost := lost_by(solution):
             worst = max(lost, key=lambda member: lost[member])
             if lost[worst] < CONTRIBUTION.tellable:
                 break
+            problem = solution.problem
             fewer, search = search.without(problem, {problem.candidates[worst].place})
             other = search.until_it_stays(fewer, solution)
             if solution.search.gain(other.members) < solution.gain - lost[worst]:
                 break
-            problem, solution = fewer, other
-        return problem, solution
+            solution = other
+        return solution
 
-    def of_possible_links(
-        self, problem: RegressionProblem, solution: Solution
-    ) -> tuple[RegressionProblem, Solution]:
+    def of_possible_links(self, solution: Solution) -> Solution:
         """Return a solution, or the best one without wrong links where those cannot be."""
+        problem = solution.problem
         links = {item.place for item in problem.candidates if item.effect == LINK_INERTIA}
         if not any(problem.candidates[member].place in links for member in solution.members):
-            return problem, solution
+            return solution
         rows = problem.split.fitted
         linear = np.maximum(rmse(problem.left_without_sensors(solution.fitted), rows), TINY)
-        own = rmse(simulated(problem, solution), rows)
+        own = rmse(simulated(solution), rows)
         if not (own > 2 * linear).any():
-            return problem, solution
+            return solution
         fewer, search = self.without(problem, links)
         other = search.until_it_stays(fewer, solution)
-        its = rmse(simulated(fewer, other), rows)
+        its = rmse(simulated(other), rows)
         nearer = np.sum((its / linear) ** 2) < np.sum((own / linear) ** 2)
-        return (fewer, other) if nearer else (problem, solution)
+        return other if nearer else solution
 
 
-def _scanned(problem: RegressionProblem, solution: Solution) -> RegressionProblem:
+def _scanned(solution: Solution) -> RegressionProblem:
     """Return the problem with the candidates that have to be looked for in the residual."""
+    problem = solution.problem
     chosen = [problem.candidates[member].hypothesis for member in solution.members]
     known = {
         item.joints[0]: item.settings
         for item in chosen
         if item is not None and item.effect == TorqueRipple.name
     }
-    return having(problem, ripples(problem.observed, problem.left(solution.fitted), known))
+    return with_hypotheses(problem, ripples(problem.observed, problem.left(solution.fitted), known))
 
 
-def having(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
+def with_hypotheses(problem: RegressionProblem, more: Iterable[Hypothesis]) -> RegressionProblem:
     """Return the problem with further hypotheses among what competes."""
     found = [entered(item, problem.observed, problem.columns, problem.level) for item in more]
     return problem.with_candidates([*problem.candidates, *filter(None, found)])

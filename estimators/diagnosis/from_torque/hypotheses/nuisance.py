@@ -39,13 +39,11 @@ from limo_driver.physics.effects.delay import UNIT_DELAY
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.hypotheses.responses import Enter, Improvement
     from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, Noise
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Parameter, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 # what is a part of an effect that is found, where something is tolerated of it
@@ -95,16 +93,16 @@ class Nuisance:
     start: FloatArray  # (c,) coefficients that the simulation at hand has against the stated one
 
     @property
-    def entered(self) -> NDArray[np.bool_]:
+    def entered(self) -> BoolArray:
         """Mark the coefficients (c,) that a simulation has; those of sensors it has not."""
         marks = [np.full(rows.stop - rows.start, enter is not None) for rows, enter in self.groups]
         return np.concatenate(marks)
 
-    def of(self, places: Collection[tuple[str, tuple[int, ...]]]) -> NDArray[np.bool_]:
+    def of(self, places: Collection[tuple[str, tuple[int, ...]]]) -> BoolArray:
         """Mark the sizes (c,) of some effects at their joints (0-based)."""
         return np.array([item.of_effect and item.place in places for item in self.parameters])
 
-    def contained_in(self, found: Iterable[Effect]) -> NDArray[np.bool_]:
+    def contained_in(self, found: Iterable[Effect]) -> BoolArray:
         """Mark the coefficients (c,) that say a part of what effects found beside them say.
 
         Where a delay was found, a sensor's own lag is a part of it; where friction is free at all
@@ -119,7 +117,7 @@ class Nuisance:
             [item.place in all_of_it and not item.smooths for item in self.parameters], dtype=bool
         )
 
-    def certain(self, some: NDArray[np.bool_]) -> Nuisance:
+    def certain(self, some: BoolArray) -> Nuisance:
         """Return the same without tolerance of some coefficients (c,): those stay as stated."""
         deviation = np.where(some, 0.0, self.prior.deviation)
         return replace(self, prior=replace(self.prior, deviation=deviation))
@@ -165,11 +163,7 @@ def nuisance_of(
 
 
 def without_sensors(
-    left: FloatArray,
-    noise: Noise,
-    rows: NDArray[np.bool_],
-    columns: ColumnTable,
-    nuisance: Nuisance,
+    left: FloatArray, noise: Noise, rows: BoolArray, columns: ColumnTable, nuisance: Nuisance
 ) -> FloatArray:
     """Take out of a residual (K, n) what lags and offsets of sensors explain of it [N m].
 

@@ -21,11 +21,9 @@ from limo_driver.recordings.filters.differentiation import ORDER
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Hypothesis
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 def ripples(
@@ -202,7 +200,7 @@ class _Angle:
         return float(self.residual @ self.residual)
 
 
-def _places(position: FloatArray, recording: NDArray[np.int64]) -> list[NDArray[np.bool_]]:
+def _places(position: FloatArray, recording: IntArray) -> list[BoolArray]:
     """Return the rows (R,) of each range that recordings moved through together, without a gap.
 
     What each of several places has of its own looks like lines, as many in a revolution as there
@@ -234,9 +232,7 @@ def _orthonormal(columns: FloatArray, size: FloatArray) -> FloatArray:
     return basis[:, values > DEPENDENT * size.max()]
 
 
-def _shape(
-    q: FloatArray, v: FloatArray, knots: int, places: Sequence[NDArray[np.bool_]]
-) -> FloatArray:
+def _shape(q: FloatArray, v: FloatArray, knots: int, places: Sequence[BoolArray]) -> FloatArray:
     """Return hats of the position at each place, alone and times the sign of motion, (R, c)."""
     hats = [np.zeros((q.size, 0))]
     for place in places:

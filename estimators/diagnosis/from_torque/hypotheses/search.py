@@ -45,11 +45,9 @@ from limo_driver.physics.effects.friction import SIGN_WIDTH
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 # [rad/s], of friction that a bare description lacks: wider is viscous friction by another name
 SIGN_WIDTHS = tuple((SIGN_WIDTH * 2.0 ** np.arange(-FEW, FEW)).tolist())
@@ -136,7 +134,7 @@ class Search:
             found |= {tuple(sorted((*members, i))) for i in most}
         return [Explained(key, self.gain(key)) for key in ranked(sorted(found), self.gain)[:width]]
 
-    def _with_one_more(self, members: tuple[int, ...]) -> tuple[NDArray[np.int64], FloatArray]:
+    def _with_one_more(self, members: tuple[int, ...]) -> tuple[IntArray, FloatArray]:
         """Return the candidates that fit next to a set, (p,), and the gain less their prices."""
         taken = np.isin(self._slots, self._slots[list(members)])
         taken[list(members)] = True

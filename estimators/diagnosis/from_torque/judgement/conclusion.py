@@ -28,9 +28,8 @@ from estimators.diagnosis.held_out import bootstrap, reducible_removed, rmse, su
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.result import CHOSEN, Explanation, Shift
 from estimators.diagnosis.settings import NEARLY_ALL, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CANDIDATES, CONTRIBUTION
-from estimators.diagnosis.settings.judgement import OBSERVABLE
+from estimators.diagnosis.settings.judgement import OBSERVABLE, WORDING
 from estimators.diagnosis.verdict import (
     TORQUE,
     UNKNOWN,
@@ -49,12 +48,10 @@ from limo_driver.physics.catalogue import unusable
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.judgement.judgement import RemainingResidual
     from estimators.diagnosis.verdict import Finding
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 def fit_of(
@@ -119,7 +116,6 @@ def rows_of(problem: RegressionProblem) -> RowCount:
 
 
 def conclude(
-    problem: RegressionProblem,
     solution: Solution,
     remaining: RemainingResidual,
     named: Sequence[int],
@@ -131,7 +127,6 @@ def conclude(
     """Put the verdict together.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         remaining: Residual that remains.
         named: Members of the set that are findings or ordinary; the others only stand in for the
@@ -141,6 +136,7 @@ def conclude(
         tolerances: Residual (K, n) with values moved inside their tolerances and no effect [N m].
         contact: Pushes that were found.
     """
+    problem = solution.problem
     alone = rmse(tolerances, problem.split.held_out)
     after = rmse(proven, problem.split.held_out)
     stand_ins = [  # of what passes, the improved simulation has nothing
@@ -148,10 +144,10 @@ def conclude(
         for member in solution.members
         if member not in named and problem.candidates[member].persists
     ]
-    values = to_identify(problem, solution)
+    values = to_identify(solution)
     plain = [member for member in named if member in values]
     unusual = [member for member in named if member not in values]
-    found = (*contact, *findings_of(problem, solution, unusual, remaining, alone, after))
+    found = (*contact, *findings_of(solution, unusual, remaining, alone, after))
     findings = (*found, *unknown_of(problem, stand_ins, remaining, unknown, alone, after))
     if not findings:
         summary = "consistent"
@@ -168,7 +164,7 @@ def conclude(
         verdict=summary,
         findings=findings,
         unexplained=Unexplained(tuple(j + 1 for j in unknown), share, where),
-        not_observable=not_observable(problem, solution, remaining),
+        not_observable=not_observable(solution, remaining),
         next_motion=None,
         fit=fit_of(problem, proven, alone, remaining.floor),
         rows=rows_of(problem),
@@ -184,7 +180,7 @@ def conclude(
             *(f"An effect was not tried: {error}." for error in unusable()),
         ),
         identified=identified_of(problem, plain),
-        holds=held_by(problem, solution),
+        holds=held_by(solution),
         doubts=doubts,
         joint_names=problem.observed.simulation.model.joint_names,
         sliding=problem.observed.simulation.model.sliding,
@@ -206,14 +202,13 @@ def identified_of(problem: RegressionProblem, members: Sequence[int]) -> tuple[I
     return tuple(sorted(found, key=lambda item: (item.joint, item.effect)))
 
 
-def not_observable(
-    problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
-) -> tuple[NotObservable, ...]:
+def not_observable(solution: Solution, remaining: RemainingResidual) -> tuple[NotObservable, ...]:
     """Name the effects that could be there at ten noise floors without showing.
 
     An effect that is in the set has shown at one joint, and is left out: where else it could be is
     no reason to say that these recordings do not excite it.
     """
+    problem = solution.problem
     evidence = solution.search.evidence
     size = problem.columns.size()
     least: dict[str, tuple[float, int]] = {}
@@ -247,24 +242,21 @@ def not_observable(
 
 
 def explanations_of(
-    problem: RegressionProblem,
-    solution: Solution,
-    floor: FloatArray,
-    limit: int = WORDING.explanations,
+    solution: Solution, floor: FloatArray, limit: int = WORDING.explanations
 ) -> tuple[Explanation, ...]:
     """Return the chosen set and the best others, best first.
 
     Args:
-        problem: What was compared.
         solution: The chosen set, fitted to the rows meant for it.
         floor: Noise floor of each joint, (n,) [N m].
         limit: How many.
     """
+    problem = solution.problem
     search, rows = solution.search, problem.split.held_out
     none = rmse(problem.left(search.evidence.posterior(search.prior(()))), rows)
     kept = rmse(problem.left(solution.fitted), rows)
     found: list[Explanation] = []
-    for members in _ranked(problem, solution, limit):
+    for members in _ranked(solution, limit):
         left = rmse(problem.left(search.evidence.posterior(search.prior(members))), rows)
         gain, note = search.gain(members), ""
         if set(members) == set(solution.members):
@@ -272,7 +264,7 @@ def explanations_of(
         elif gain > solution.gain:
             note = _dropped(left / floor, kept / floor)
             if not note and gain > solution.gain + CONTRIBUTION.tellable:
-                note = _not_chosen(problem, solution, members)
+                note = _not_chosen(solution, members)
         found.append(
             Explanation(
                 tuple(problem.candidates[i].effect for i in members),
@@ -298,18 +290,18 @@ def _dropped(left: FloatArray, kept: FloatArray) -> str:
     return "takes too little off motion held out" if gained.max() < CONTRIBUTION.material**2 else ""
 
 
-def _not_chosen(problem: RegressionProblem, solution: Solution, members: tuple[int, ...]) -> str:
+def _not_chosen(solution: Solution, members: tuple[int, ...]) -> str:
     """Say why a set of more evidence was not chosen that leaves less on the rows held out."""
-    lost = sum(lost_by(problem, solution.having(members)).values())
+    lost = sum(lost_by(solution.having(members)).values())
     if solution.search.gain(members) - lost < solution.gain:
         return "needs a body that cannot be"
-    everywhere = range(problem.observed.n)
-    if surely_better(problem, solution, members, solution.members, everywhere):
+    everywhere = range(solution.problem.observed.n)
+    if surely_better(solution, members, solution.members, everywhere):
         return "predicts better as a linear fit; no check made here speaks against it"
     return "predicts no better for sure, whichever motion is held out"
 
 
-def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[tuple[int, ...]]:
+def _ranked(solution: Solution, limit: int) -> list[tuple[int, ...]]:
     """Return the best sets of members, one of each set of places; the chosen one is among them."""
     search, chosen = solution.search, tuple(sorted(solution.members))
     sets = {chosen}
@@ -319,13 +311,14 @@ def _ranked(problem: RegressionProblem, solution: Solution, limit: int) -> list[
     sets |= {item.members for item in search.ranked((), limit)}
     best: dict[tuple[tuple[str, tuple[int, ...]], ...], tuple[int, ...]] = {}
     for members in [*reversed(ranked(sorted(sets), search.gain)), chosen]:
-        best[tuple(sorted(problem.candidates[i].place for i in members))] = members
+        best[tuple(sorted(solution.problem.candidates[i].place for i in members))] = members
     others = ranked(sorted(set(best.values()) - {chosen}), search.gain)[: limit - 1]
     return ranked([chosen, *others], search.gain)
 
 
-def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
+def shifts_of(final: Solution) -> tuple[Shift, ...]:
     """Return how far each nuisance parameter moved, in its own tolerance, farthest first."""
+    problem = final.problem
     count = problem.nuisance.prior.index.size
     mean = final.fitted.mean[:count]
     deviation = problem.nuisance.prior.deviation
@@ -348,32 +341,32 @@ def shifts_of(problem: RegressionProblem, final: Solution) -> tuple[Shift, ...]:
     )
 
 
-def held_by(problem: RegressionProblem, solution: Solution) -> Holds:
+def held_by(solution: Solution) -> Holds:
     """Return the range of motion of the rows that count, and the friction that they do not show."""
-    observed = problem.observed
+    observed = solution.problem.observed
     rows = observed.moving
     return Holds(
         position=_ranges(observed.slow.position, rows),
         speed=_ranges(np.abs(observed.slow.velocity), rows),
         load=_ranges(observed.load[observed.kept], rows),
-        as_stated=_as_stated(problem, solution),
+        as_stated=_as_stated(solution),
     )
 
 
-def _ranges(values: FloatArray, rows: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
+def _ranges(values: FloatArray, rows: BoolArray) -> tuple[tuple[float, float], ...]:
     """Return least and largest of values (K, n) over the rows (K, n) of each joint."""
     some = [column[use] for column, use in zip(values.T, rows.T, strict=True)]
     return tuple((float(x.min()), float(x.max())) if x.size else (0.0, 0.0) for x in some)
 
 
-def _as_stated(problem: RegressionProblem, solution: Solution) -> tuple[str, ...]:
+def _as_stated(solution: Solution) -> tuple[str, ...]:
     """Name the stated sizes of friction of which the fit knows hardly more than was stated."""
-    prior, fitted = problem.nuisance.prior, solution.fitted
+    prior, fitted = solution.problem.nuisance.prior, solution.fitted
     known = fitted.deviation[: prior.index.size]
     at_limit = ~np.isnan(solution.search.evidence.at_limit(fitted))
     open_ = (known > NEARLY_ALL * prior.deviation) & (prior.deviation > 0) & ~at_limit
     return tuple(
         item.name
-        for item, unseen in zip(problem.nuisance.parameters, open_.tolist(), strict=True)
+        for item, unseen in zip(solution.problem.nuisance.parameters, open_.tolist(), strict=True)
         if unseen and item.of_effect
     )

@@ -30,7 +30,7 @@ from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
     coefficients,
     contribution,
-    material,
+    error_removed,
 )
 from estimators.diagnosis.from_torque.fitting.laws import sentence_of
 from estimators.diagnosis.from_torque.fitting.problem import lost_by
@@ -61,7 +61,6 @@ if TYPE_CHECKING:
 
 
 def findings_of(
-    problem: RegressionProblem,
     solution: Solution,
     named: Sequence[int],
     remaining: RemainingResidual,
@@ -71,29 +70,29 @@ def findings_of(
     """Return the findings of named members, the largest share first.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         named: Members of the set.
         remaining: Residual that remains on each joint.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
     """
-    shares = shares_of(problem, solution, alone, after, remaining.floor)
-    far = beyond_siblings(problem, solution)
-    lost = lost_by(problem, solution)
+    problem = solution.problem
+    shares = shares_of(solution, alone, after, remaining.floor)
+    far = beyond_siblings(solution)
+    lost = lost_by(solution)
     time, stretches = problem.observed.slow.time, problem.observed.stretches
     duration = sum(float(np.ptp(time[rows])) for rows in stretches)
     found: list[Finding] = []
     for member in named:
         candidate = problem.candidates[member]
-        same = equivalents(problem, solution, member)
-        gained = contribution(problem, solution, member)
-        joint = acts_most(problem, solution, member, remaining.floor)
-        lead = margin(problem, solution, member, same) - lost.get(member, 0.0)
+        same = equivalents(solution, member)
+        gained = contribution(solution, member)
+        joint = acts_most(solution, member, remaining.floor)
+        lead = margin(solution, member, same) - lost.get(member, 0.0)
         before = np.sqrt(np.maximum(after**2 + gained, 0.0))
         signs = Signs(
             lead=lead,
-            material=material(problem, solution, member),
+            material=error_removed(solution, member),
             duration=duration,
         )
         found.append(
@@ -110,7 +109,7 @@ def findings_of(
                 ),
                 confidence=confidence_of(signs),
                 parameters={},  # `with_parameters` reads them off the improved simulation
-                where=_where(problem, solution, member, joint),
+                where=_where(solution, member, joint),
                 share=shares[member],
                 heldout_rmse=BeforeAfter(tuple(before.tolist()), tuple(after.tolist())),
                 evidence=_sentence(
@@ -124,7 +123,7 @@ def findings_of(
                     " that is distinct in these recordings" if same else "",
                 )
                 + _identical_sentence(problem, member)
-                + _links_sentence(problem, solution, member)
+                + _links_sentence(solution, member)
                 + sentence_of(candidate.laws)
                 + _siblings_sentence(far.get(member)),
                 signs=asdict(signs),
@@ -171,13 +170,13 @@ def _identical_sentence(problem: RegressionProblem, member: int) -> str:
     return ""
 
 
-def _links_sentence(problem: RegressionProblem, solution: Solution, member: int) -> str:
+def _links_sentence(solution: Solution, member: int) -> str:
     """Say which other links may have changed instead, or as well; nothing where none may."""
-    if problem.candidates[member].effect not in {LINK_INERTIA, Payload.name}:
+    if solution.problem.candidates[member].effect not in {LINK_INERTIA, Payload.name}:
         return ""
-    model = problem.observed.simulation.model
+    model = solution.problem.observed.simulation.model
     own = model.linkage.own
-    names = [model.link_names[own[joint]] for joint in other_links(problem, solution, member)]
+    names = [model.link_names[own[joint]] for joint in other_links(solution, member)]
     if not names:
         return ""
     return f" The motion hardly tells all of it from changes of {listed(names)}."
@@ -190,8 +189,9 @@ def _siblings_sentence(times: float | None) -> str:
     return f" For what its drive can do, it is {times:.0f} times that of any other joint."
 
 
-def _where(problem: RegressionProblem, solution: Solution, member: int, joint: int) -> Where:
-    mean = coefficients(problem, solution, member)
+def _where(solution: Solution, member: int, joint: int) -> Where:
+    problem = solution.problem
+    mean = coefficients(solution, member)
     torque = problem.columns.apply(problem.candidates[member].prior.index, mean)
     return where_of(problem.observed, torque[:, joint], joint)
 
@@ -316,25 +316,20 @@ def confidence_of(signs: Signs) -> float:
 
 
 def shares_of(
-    problem: RegressionProblem,
-    solution: Solution,
-    alone: FloatArray,
-    after: FloatArray,
-    floor: FloatArray,
+    solution: Solution, alone: FloatArray, after: FloatArray, floor: FloatArray
 ) -> dict[int, float]:
     """Return the share that goes with each member of the set that is not ordinary.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted to the rows meant for it.
         alone: Held-out RMSE with values moved inside their tolerances and no effect, (n,) [N m].
         after: That of the improved simulation.
         floor: Noise floor, (n,) [N m].
     """
     taken = max(reducible_removed(alone, after, floor), 0.0)
-    plain = to_identify(problem, solution)
+    plain = to_identify(solution)
     lost = {
-        member: max(float(contribution(problem, solution, member).sum()), 0.0)
+        member: max(float(contribution(solution, member).sum()), 0.0)
         for member in solution.members
         if member not in plain
     }

@@ -24,7 +24,7 @@ from estimators.diagnosis.from_torque.judgement.judged_set import places_of
 from estimators.diagnosis.held_out import rmse
 from estimators.diagnosis.quantities import listed
 from estimators.diagnosis.settings import MATTERS, Z95
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.verdict import CONTACT, UNKNOWN, Finding, Identified, Interval
 from estimators.rigid_body.regressor import PER_LINK
 from limo_driver.model.descriptions.description import SITE
@@ -34,14 +34,12 @@ from limo_driver.physics import Payload
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.model import RobotModel
     from limo_driver.model.descriptions.geometry import Inertial
     from limo_driver.physics import Effect, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 _Found = TypeVar("_Found", Finding, Identified, "Finding | Identified")
 
@@ -195,7 +193,7 @@ class ValueComparison:
         findings: tuple[Finding, ...],
     ) -> Self:
         """Linearise around the improved simulation, whose values were known as they are stated."""
-        found = effects_at(improved.simulation, places_of(judged.problem, judged.solution))
+        found = effects_at(improved.simulation, places_of(judged.solution))
         around = Linearised.of(improved, found, (), stated)
         deviation, of_found = around.deviations()
         spread = {
@@ -217,7 +215,7 @@ class ValueComparison:
         return rmse(problem.observed.residual, problem.split.held_out)
 
     @cached_property
-    def above(self) -> NDArray[np.bool_]:
+    def above(self) -> BoolArray:
         """Mark the joints (n,) at which the given simulation surely errs by more than noise."""
         problem, floor = self.judged.problem, self.judged.remaining.floor
         found = above_floor(problem, problem.observed.residual, floor)
@@ -234,7 +232,7 @@ class ValueComparison:
         return tuple(self.stated.model.joint_names[j - 1] for j in joints)
 
     def taken(
-        self, change: FloatArray, acts: NDArray[np.bool_], *, doubtless: bool = False
+        self, change: FloatArray, acts: BoolArray, *, doubtless: bool = False
     ) -> tuple[float, bool]:
         """Return which part of a joint's reducible error a change takes, and whether that counts.
 

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 class JudgedSet:
     """A set with its proof, what is left, and which of it is named."""
 
-    problem: RegressionProblem
     solution: Solution
     beside: Observations  # the recordings, beside a simulation that was fitted to no row held out
     remaining: RemainingResidual
@@ -51,24 +50,28 @@ class JudgedSet:
     unknown: tuple[int, ...]  # joints, 0-based
 
     @classmethod
-    def of(cls, problem: RegressionProblem, solution: Solution) -> JudgedSet:
+    def of(cls, solution: Solution) -> JudgedSet:
         """Prove and judge a set."""
-        return cls.beside_one(problem, solution, _fitted(problem, solution))
+        return cls.beside_one(solution, _fitted(solution))
 
     @classmethod
-    def beside_one(
-        cls, problem: RegressionProblem, solution: Solution, beside: Observations
-    ) -> JudgedSet:
+    def beside_one(cls, solution: Solution, beside: Observations) -> JudgedSet:
         """Judge a set beside a simulation that has it, fitted to no row held out."""
+        problem = solution.problem
         # what sensors may add within their tolerances is in no simulation, and nothing unknown
         left = problem.without_sensors(beside.residual, solution.noise)
         remaining = remaining_residual(problem.observed, left)
-        named, unknown = abstained(problem, solution, remaining)
-        if not gains(problem, solution, beside.residual, remaining):
+        named, unknown = abstained(solution, remaining)
+        if not gains(solution, beside.residual, remaining):
             # friction far beyond its siblings' is in what the gain is counted from, and as sure
-            stay = {*to_identify(problem, solution), *beyond_siblings(problem, solution)}
+            stay = {*to_identify(solution), *beyond_siblings(solution)}
             named = tuple(member for member in named if member in stay)
-        return cls(problem, solution, beside, remaining, named, unknown)
+        return cls(solution, beside, remaining, named, unknown)
+
+    @property
+    def problem(self) -> RegressionProblem:
+        """What the set is a solution of."""
+        return self.solution.problem
 
     @property
     def proven(self) -> FloatArray:
@@ -85,7 +88,7 @@ class JudgedSet:
     @property
     def findings(self) -> tuple[int, ...]:
         """Members that are findings: named, and no values that are just identified."""
-        plain = to_identify(self.problem, self.solution)
+        plain = to_identify(self.solution)
         return tuple(member for member in self.named if member not in plain)
 
     def places(self, members: Sequence[int]) -> set[tuple[str, tuple[int, ...]]]:
@@ -126,17 +129,17 @@ class JudgedSet:
             # a body that moved inside its tolerance acts on joints that it is not fitted for
             tried.append(judged)
             some = problem.with_stated_bodies()
-            judged = JudgedSet.of(some, fitted(some, self.solution.members, noise))._spared
+            judged = JudgedSet.of(fitted(some, self.solution.members, noise))._spared
         if judged._harmed:
             # values moved inside their tolerances may be what harms: few rows outvote no statement
             tried.append(judged)
             problem = problem.with_stated_values()
-            judged = JudgedSet.of(problem, fitted(problem, self.solution.members, noise))
+            judged = JudgedSet.of(fitted(problem, self.solution.members, noise))
         exact = judged.problem is problem and problem is not self.problem
         while judged._harmed and judged.solution.members:
             tried.append(judged)
-            fewer = least_harmful(problem, judged.solution, judged.solution.members)
-            judged = JudgedSet.of(problem, fitted(problem, fewer, judged.solution.noise))
+            fewer = least_harmful(judged.solution, judged.solution.members)
+            judged = JudgedSet.of(fitted(problem, fewer, judged.solution.noise))
         some = [one for one in tried if one._is_sure]
         best = max(some, key=JudgedSet._gain, default=judged)
         moved = judged.solution.members or not exact
@@ -148,9 +151,7 @@ class JudgedSet:
             return best, False
         given, nothing = problem.observed, fitted(problem, (), judged.solution.noise)
         remaining = remaining_residual(given, given.residual)
-        return JudgedSet(
-            problem, nothing, given, remaining, *abstained(problem, nothing, remaining)
-        ), True
+        return JudgedSet(nothing, given, remaining, *abstained(nothing, remaining)), True
 
     def with_plain_friction(self, some: Collection[int]) -> JudgedSet:
         """Return this with plain friction for those of some members that joints have instead."""
@@ -159,7 +160,7 @@ class JudgedSet:
         if not laws:
             return self
         fewer = problem.less(members, laws)
-        return JudgedSet.of(problem, fitted(problem, fewer, self.solution.noise))
+        return JudgedSet.of(fitted(problem, fewer, self.solution.noise))
 
     def beyond_ordinary(self) -> JudgedSet:
         """Return this without what predicts motion held out worse than ordinary friction does.
@@ -171,16 +172,16 @@ class JudgedSet:
         """
         problem, noise = self.problem, self.solution.noise
         first = problem.first or problem
-        if not first.base or not self._worse_at(left_by_base(problem, self.solution)):
+        if not first.base or not self._worse_at(left_by_base(self.solution)):
             return self
-        ordinary = JudgedSet.of(first, fitted(first, first.base, noise))
+        ordinary = JudgedSet.of(fitted(first, first.base, noise))
         judged, tried = self, [ordinary, self]
         while found := judged._worse_at(ordinary.proven):
             acting = judged._beyond_base(found)
             if not acting:
                 return max(tried, key=JudgedSet._gain)
-            fewer = least_harmful(problem, judged.solution, acting)
-            judged = JudgedSet.of(problem, fitted(problem, fewer, noise))
+            fewer = least_harmful(judged.solution, acting)
+            judged = JudgedSet.of(fitted(problem, fewer, noise))
             tried.append(judged)
         return judged
 
@@ -197,7 +198,7 @@ class JudgedSet:
     @cached_property
     def _surely_better(self) -> bool:
         """Say whether the arm's motion held out is surely predicted better than before."""
-        return gains(self.problem, self.solution, self.proven, self.remaining)
+        return gains(self.solution, self.proven, self.remaining)
 
     def _worse_at(self, other: FloatArray) -> tuple[int, ...]:
         return worse_at(self.problem, self.proven, other, self.remaining)
@@ -220,7 +221,7 @@ class JudgedSet:
         move) may weigh more among all rows than among those of the proof, and a step has to make no
         joint's error larger.
         """
-        observed, places = self.problem.observed, places_of(self.problem, self.solution)
+        observed, places = self.problem.observed, places_of(self.solution)
         start = self.beside.under(self.beside.simulation)
         return polished(start, observed.simulation, observed.moving, places)
 
@@ -263,22 +264,21 @@ class JudgedSet:
             member for member in solution.members if not alone(own_joints(problem, member))
         )
         beside = problem.observed.under(replace(found, effects=effects), problem.observed.around)
-        return JudgedSet.beside_one(problem, solution.having(members), beside)
+        return JudgedSet.beside_one(solution.having(members), beside)
 
 
-def places_of(
-    problem: RegressionProblem, solution: Solution
-) -> list[tuple[str, tuple[int, ...], bool]]:
+def places_of(solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:
     """Return effect, joints (1-based) and whether it was missing, of each member."""
-    some = [problem.candidates[member] for member in solution.members]
-    everywhere = range(problem.observed.n)
+    some = [solution.problem.candidates[member] for member in solution.members]
+    everywhere = range(solution.problem.observed.n)
     return [
         (item.effect, tuple(j + 1 for j in item.joints or everywhere), item.kind == "missing")
         for item in some
     ]
 
 
-def _fitted(problem: RegressionProblem, solution: Solution) -> Observations:
+def _fitted(solution: Solution) -> Observations:
     """Return the recordings with a simulation that was fitted to no row held out."""
+    problem = solution.problem
     start, given = problem.under(solution), problem.observed.simulation
-    return polished(start, given, problem.split.fitted, places_of(problem, solution))
+    return polished(start, given, problem.split.fitted, places_of(solution))

@@ -9,14 +9,14 @@ import numpy as np
 
 from estimators.diagnosis.from_torque.fitting.contribution import (
     TINY,
+    acts_seldom,
     contribution,
     contribution_of_all,
+    error_removed,
     in_turn,
     left_by_tolerances,
-    material,
     own_joints,
-    seldom,
-    sure,
+    surely_helps,
     surely_less,
     without,
 )
@@ -40,8 +40,6 @@ from limo_driver.physics.catalogue import identical_to
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.residuals.observations import Observations
@@ -50,7 +48,7 @@ if TYPE_CHECKING:
     from estimators.diagnosis.verdict import Finding
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class RemainingResidual:
     failures: tuple[Failure, ...] = ()  # of the black box, which then predicts nothing
 
     @property
-    def clearly_predictable(self) -> NDArray[np.bool_]:
+    def clearly_predictable(self) -> BoolArray:
         """Mark the joints (n,) on which a black box predicts clearly more than noise."""
         return self.predictable > JUDGEMENT.predictable * self.floor
 
@@ -100,10 +98,9 @@ def _series(observed: Observations, left: FloatArray) -> FloatArray:
     return np.stack(guesses, axis=1)
 
 
-def equivalents(
-    problem: RegressionProblem, solution: Solution, member: int
-) -> tuple[Candidate, ...]:
+def equivalents(solution: Solution, member: int) -> tuple[Candidate, ...]:
     """Return the candidates that would do as well in a member's place, best first."""
+    problem = solution.problem
     own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
     taken = {problem.candidates[i].place for i in rest}
@@ -129,18 +126,18 @@ def identical(problem: RegressionProblem, member: int) -> tuple[str, ...]:
     return same
 
 
-def other_links(problem: RegressionProblem, solution: Solution, member: int) -> tuple[int, ...]:
+def other_links(solution: Solution, member: int) -> tuple[int, ...]:
     """Return the joints (0-based) whose links the motion hardly tells from a member, a body.
 
     Either such a link does as well in its place, or beside it explains a part of what it does.
     """
-    own = problem.candidates[member]
+    own = solution.problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
     gain = solution.search.gain
     reference = gain((*rest, member))
     joints = (
         candidate.joints[0]
-        for i, candidate in enumerate(problem.candidates)
+        for i, candidate in enumerate(solution.problem.candidates)
         if candidate.effect == LINK_INERTIA
         and i not in solution.members
         and candidate.joints != own.joints
@@ -152,10 +149,9 @@ def other_links(problem: RegressionProblem, solution: Solution, member: int) -> 
     return tuple(dict.fromkeys(joints))  # a link has a candidate of each size
 
 
-def margin(
-    problem: RegressionProblem, solution: Solution, member: int, same: Sequence[Candidate]
-) -> float:
+def margin(solution: Solution, member: int, same: Sequence[Candidate]) -> float:
     """Return the evidence for a member over the best explanation that differs from it [nat]."""
+    problem = solution.problem
     own = problem.candidates[member]
     rest = tuple(i for i in solution.members if i != member)
     taken = {problem.candidates[i].place for i in rest} | {own.place} | {c.place for c in same}
@@ -173,7 +169,7 @@ def margin(
 
 
 def abstained(
-    problem: RegressionProblem, solution: Solution, remaining: RemainingResidual
+    solution: Solution, remaining: RemainingResidual
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Drop names that explain too little of a joint's error, and return the unknown joints.
 
@@ -186,102 +182,94 @@ def abstained(
     Returns:
         Members that stay, and joints (0-based) on which something unknown acts.
     """
-    removed = contribution_of_all(problem, solution)
+    removed = contribution_of_all(solution)
     explained = removed / np.maximum(removed + remaining.predictable**2, TINY**2)
     unknown = np.flatnonzero(remaining.clearly_predictable & (explained < JUDGEMENT.precise))
     small = remaining.predictable < remaining.floor
     least = np.where(small, MOST, JUDGEMENT.dominant)
     doubtful = {int(j) for j in unknown if explained[j] < least[j]}
-    plain = to_identify(problem, solution)
-    usual = ordinary(problem, solution, solution.members)
-    sure = convinced(problem, solution, [i for i in solution.members if i not in usual])
+    plain = to_identify(solution)
+    usual = ordinary(solution, solution.members)
+    sure = convinced(solution, [i for i in solution.members if i not in usual])
     stay = tuple(
         member
         for member in solution.members
         if member in plain
         or (
             member in sure
-            and _is_beyond(doubtful, problem, solution, member, remaining)
-            and not _is_part_of_more(problem, solution, member, unknown.tolist())
-            and _betters(problem, solution, member)
+            and _is_beyond(doubtful, solution, member, remaining)
+            and not _is_part_of_more(solution, member, unknown.tolist())
+            and _betters(solution, member)
         )
     )
     return stay, tuple(int(j) for j in unknown)
 
 
 def _is_beyond(
-    doubtful: Collection[int],
-    problem: RegressionProblem,
-    solution: Solution,
-    member: int,
-    remaining: RemainingResidual,
+    doubtful: Collection[int], solution: Solution, member: int, remaining: RemainingResidual
 ) -> bool:
     """Say whether a member is no stand-in for what is unknown at doubtful joints (0-based).
 
     It acts most elsewhere, or enough and surely: what acts on the whole arm shows at other joints,
     too, and something else may be unknown at the one where it is largest.
     """
-    if acts_most(problem, solution, member, remaining.floor) not in doubtful:
+    if acts_most(solution, member, remaining.floor) not in doubtful:
         return True
-    rest = [joint for joint in own_joints(problem, member) if joint not in doubtful]
-    if not rest or material(problem, solution, member, rest) < CONTRIBUTION.material:
+    rest = [joint for joint in own_joints(solution.problem, member) if joint not in doubtful]
+    if not rest or error_removed(solution, member, rest) < CONTRIBUTION.material:
         return False
-    return sure(problem, solution, member, rest)
+    return surely_helps(solution, member, rest)
 
 
-def _is_part_of_more(
-    problem: RegressionProblem, solution: Solution, member: int, unknown: Sequence[int]
-) -> bool:
+def _is_part_of_more(solution: Solution, member: int, unknown: Sequence[int]) -> bool:
     """Say whether a member may be but a part of what nothing explains at other joints (0-based).
 
     What acts on several, as a wrong body does, looks like a slight effect of its own at one more.
     """
-    others = {*unknown} - {*problem.candidates[member].joints}
-    return len(others) > 1 and material(problem, solution, member) < 1.0
+    others = {*unknown} - {*solution.problem.candidates[member].joints}
+    return len(others) > 1 and error_removed(solution, member) < 1.0
 
 
-def acts_most(
-    problem: RegressionProblem, solution: Solution, member: int, floor: FloatArray
-) -> int:
+def acts_most(solution: Solution, member: int, floor: FloatArray) -> int:
     """Return the joint (0-based) on which a member explains most, of those that it acts on."""
-    own = own_joints(problem, member)
-    gained = contribution(problem, solution, member)
+    own = own_joints(solution.problem, member)
+    gained = contribution(solution, member)
     return own[int(np.argmax((gained / floor**2)[own]))]
 
 
-def gains(
-    problem: RegressionProblem,
-    solution: Solution,
-    proven: FloatArray,
-    remaining: RemainingResidual,
-) -> bool:
+def gains(solution: Solution, proven: FloatArray, remaining: RemainingResidual) -> bool:
     """Say whether held-out motion is surely predicted better than by the given simulation.
 
     Where that states no friction, ordinary friction is no gain: it has to be better than that.
     """
-    given, rows = _given(problem, solution), problem.split.held_out
-    return surely_less(proven, given, remaining.floor, problem.observed, rows)
+    given, rows = _given(solution), solution.problem.split.held_out
+    return surely_less(proven, given, remaining.floor, solution.problem.observed, rows)
 
 
-def _betters(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _betters(solution: Solution, member: int) -> bool:
     """Say whether a joint that a member acts on is surely better than `gains` counts from.
 
     On rows that are held out in turn; those that miss most of what it does cannot say. Friction
     that is itself among what gains are counted from, as of a joint that binds, counts from none.
     """
+    problem = solution.problem
     observed = problem.observed
-    given = observed.residual if member in problem.base else _given(problem, solution)
-    (left,), rows = in_turn(problem, solution, solution.members)
+    given = observed.residual if member in problem.base else _given(solution)
+    (left,), rows = in_turn(solution, solution.members)
     scale = rmse(left, rows)[:, None]
-    return seldom(problem, solution, member) or any(
+    return acts_seldom(solution, member) or any(
         surely_less(left[:, [j]], given[:, [j]], scale[j], observed, rows[:, [j]])
         for j in own_joints(problem, member)
     )
 
 
-def _given(problem: RegressionProblem, solution: Solution) -> FloatArray:
+def _given(solution: Solution) -> FloatArray:
     """Return the residual (K, n) that a gain is counted from [N m]."""
-    return left_by_tolerances(problem, solution) if problem.base else problem.observed.residual
+    return (
+        left_by_tolerances(solution)
+        if solution.problem.base
+        else solution.problem.observed.residual
+    )
 
 
 def harmed(
@@ -291,14 +279,13 @@ def harmed(
     return worse_at(problem, proven, problem.observed.residual, remaining)
 
 
-def least_harmful(
-    problem: RegressionProblem, solution: Solution, some: Sequence[int]
-) -> tuple[int, ...]:
+def least_harmful(solution: Solution, some: Sequence[int]) -> tuple[int, ...]:
     """Return the members without the one of some whose loss leaves least on motion held out."""
+    problem = solution.problem
     rows, scale = problem.split.held_out, rmse(problem.observed.residual, problem.split.held_out)
 
     def left(member: int) -> float:
-        error = rmse(problem.left(without(problem, solution, member)), rows)
+        error = rmse(problem.left(without(solution, member)), rows)
         return float(np.sum((error / np.maximum(scale, TINY)) ** 2))
 
     return problem.less(solution.members, (min(some, key=left),))

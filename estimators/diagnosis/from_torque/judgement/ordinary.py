@@ -43,53 +43,47 @@ from limo_driver.physics.effects.friction import SIGN_WIDTH
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, Solution
+    from estimators.diagnosis.from_torque.fitting.problem import Solution
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
 
 
-def ordinary(
-    problem: RegressionProblem, solution: Solution, members: Sequence[int]
-) -> tuple[int, ...]:
+def ordinary(solution: Solution, members: Sequence[int]) -> tuple[int, ...]:
     """Return the members of a set that are ordinary at joints of unknown friction.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted.
         members: Of the set, as indices of its candidates; all or some.
     """
-    bare = {(j,) for j in without_friction(problem.observed.simulation)}
+    bare = {(j,) for j in without_friction(solution.problem.observed.simulation)}
     of_drives = {
         member: candidate
         for member in members
-        if (candidate := problem.candidates[member]).joints in bare
+        if (candidate := solution.problem.candidates[member]).joints in bare
         and (is_friction(candidate.effect) or candidate.effect == Armature.name)
     }
     effects = [candidate.effect for candidate in of_drives.values()]
     most = 0.5 * max(len(bare), FEW)
     usual = {*BASE, *(effect for effect in effects if effects.count(effect) > most)}
-    far = beyond_siblings(problem, solution)
+    far = beyond_siblings(solution)
     return tuple(
         member
         for member, item in of_drives.items()
-        if (item.effect in usual or _slides_at_once(problem, solution, member))
-        and member not in far
+        if (item.effect in usual or _slides_at_once(solution, member)) and member not in far
     )
 
 
-def convinced(
-    problem: RegressionProblem, solution: Solution, members: Sequence[int]
-) -> tuple[int, ...]:
+def convinced(solution: Solution, members: Sequence[int]) -> tuple[int, ...]:
     """Return the members that remove enough error, and surely so, to be findings.
 
     Two laws of a joint's friction that can each stand for the other remove little by themselves,
     though what both explain is sure: then the likelier one does without the other.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted.
         members: Of the set, as indices of its candidates; all or some.
     """
-    found = [i for i in members if convincing(problem, solution, i)]
+    problem = solution.problem
+    found = [i for i in members if convincing(solution, i)]
     unsure = [i for i in members if i not in found and is_friction(problem.candidates[i].effect)]
     for joints in dict.fromkeys(problem.candidates[i].joints for i in unsure):
         group = [i for i in unsure if problem.candidates[i].joints == joints]
@@ -98,12 +92,12 @@ def convinced(
         others = {i: [other for other in group if other != i] for i in group}
         alone = {i: solution.having(problem.less(solution.members, others[i])) for i in group}
         best = first_best(group, lambda i: alone[i].gain)  # noqa: B023  # at once
-        if convincing(problem, alone[best], best):
+        if convincing(alone[best], best):
             found.append(best)
     return tuple(found)
 
 
-def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ...]:
+def to_identify(solution: Solution) -> tuple[int, ...]:
     """Return the members of a set that are values to identify, and no findings.
 
     Those that are ordinary, laws of friction that are but the likelier ones, and what only makes a
@@ -111,37 +105,37 @@ def to_identify(problem: RegressionProblem, solution: Solution) -> tuple[int, ..
     law, whether that is named or not; one that is higher stood for nothing before.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted.
     """
-    members, candidates = solution.members, problem.candidates
-    plain = ordinary(problem, solution, members)
+    members, candidates = solution.members, solution.problem.candidates
+    plain = ordinary(solution, members)
     laws = [i for i in members if i not in plain and is_friction(candidates[i].effect)]
-    surely = convinced(problem, solution, laws)
+    surely = convinced(solution, laws)
     lacking = {candidates[i].joints for i in surely if _is_missing(candidates[i])}
     findings = [
         i
         for i in surely
         if _is_missing(candidates[i])
         or candidates[i].joints not in lacking
-        or _has_grown(problem, solution, i)
+        or _has_grown(solution, i)
     ]
     return tuple(
         i
         for i in members
         if i in plain
         or (i in laws and i not in findings)
-        or _is_detail(problem, solution, i)
-        or changes_only_sign_width(problem, solution, i)
+        or _is_detail(solution, i)
+        or changes_only_sign_width(solution, i)
     )
 
 
-def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _is_detail(solution: Solution, member: int) -> bool:
     """Say whether a member is a small part more of an effect that the simulation states already.
 
     Like lines of a ripple that are too faint to show before the others are stated. What acts on the
     whole arm, as gravity, is no law of a joint, and a finding however small.
     """
+    problem = solution.problem
     candidate = problem.candidates[member]
     observed, joints = problem.observed, list(candidate.joints)
     stated = [
@@ -155,7 +149,7 @@ def _is_detail(problem: RegressionProblem, solution: Solution, member: int) -> b
     for added in responses(stated, observed):
         whole[:, list(added.joints)] += added.values.T
     least = (1.0 - JUDGEMENT.precise) * rmse(whole, problem.split.held_out) ** 2
-    return bool((contribution(problem, solution, member) < least)[joints].all())
+    return bool((contribution(solution, member) < least)[joints].all())
 
 
 def _is_missing(candidate: Candidate) -> bool:
@@ -163,44 +157,43 @@ def _is_missing(candidate: Candidate) -> bool:
     return candidate.kind == "missing" or candidate.effect not in BASE
 
 
-def _has_grown(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _has_grown(solution: Solution, member: int) -> bool:
     """Say whether a stated value is higher than stated."""
-    return float(change_of(problem, solution, member).sum()) > 0.0
+    return float(change_of(solution, member).sum()) > 0.0
 
 
-def _slides_at_once(problem: RegressionProblem, solution: Solution, member: int) -> bool:
+def _slides_at_once(solution: Solution, member: int) -> bool:
     """Say whether a law of presliding is Coulomb friction by another name.
 
     Rows slower than creep are not judged, and in one period of the filter's band a row that is
     passes over creep / bandwidth: friction that has built up within less slides on every such row.
     """
-    hypothesis = problem.candidates[member].hypothesis
+    hypothesis = solution.problem.candidates[member].hypothesis
     if hypothesis is None or hypothesis.effect != PreslidingHysteresis.name:
         return False
-    effects = hypothesis.realise(coefficients(problem, solution, member))
+    effects = hypothesis.realise(coefficients(solution, member))
     stops = [stop for e in effects if isinstance(e, PreslidingHysteresis) for stop in e.stops()]
     way = sum(height * width for height, width in stops)  # [N m rad]
-    least = 2 * ROWS.rest * SIGN_WIDTH / problem.observed.bandwidth  # [rad]
+    least = 2 * ROWS.rest * SIGN_WIDTH / solution.problem.observed.bandwidth  # [rad]
     return way < least * sum(height for height, _ in stops)
 
 
-def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int, float]:
+def beyond_siblings(solution: Solution) -> dict[int, float]:
     """Return the plain friction that is far larger than that of the other joints.
 
     Args:
-        problem: What was compared.
         solution: The set, fitted.
 
     Returns:
         Of each such member, how many times the largest of its siblings it is.
     """
-    bare = {(j,) for j in without_friction(problem.observed.simulation)}
+    bare = {(j,) for j in without_friction(solution.problem.observed.simulation)}
     found: dict[int, float] = {}
     for effect in BASE:
         parts = {
-            _of_the_drive(problem, solution, member): member
+            _of_the_drive(solution, member): member
             for member in solution.members
-            if (candidate := problem.candidates[member]).effect == effect
+            if (candidate := solution.problem.candidates[member]).effect == effect
             and candidate.joints in bare
         }
         some = sorted(part for part in parts if part > 0)
@@ -209,13 +202,13 @@ def beyond_siblings(problem: RegressionProblem, solution: Solution) -> dict[int,
     return found
 
 
-def _of_the_drive(problem: RegressionProblem, solution: Solution, member: int) -> float:
+def _of_the_drive(solution: Solution, member: int) -> float:
     """Return plain friction as a part of what the drive can do; 0 where no limit is known."""
-    candidate = problem.candidates[member]
+    candidate = solution.problem.candidates[member]
     if candidate.hypothesis is None:
         return 0.0
-    limits = problem.observed.simulation.model.limits
-    (effect,) = candidate.hypothesis.realise(coefficients(problem, solution, member))
+    limits = solution.problem.observed.simulation.model.limits
+    (effect,) = candidate.hypothesis.realise(coefficients(solution, member))
     joint = candidate.joints[0]
     viscous = isinstance(effect, ViscousFriction)
     torque = effect.f_v * limits.velocity[joint] if viscous else getattr(effect, "tau_c", 0.0)

@@ -35,9 +35,8 @@ from estimators.diagnosis.from_torque.residuals.noise import ColumnTable, normal
 from estimators.diagnosis.quantities import listed, placed
 from estimators.diagnosis.result import Test
 from estimators.diagnosis.settings import LITTLE, MATTERS, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
 from estimators.diagnosis.settings.fitting import CONTRIBUTION
-from estimators.diagnosis.settings.judgement import BLACK_BOX
+from estimators.diagnosis.settings.judgement import BLACK_BOX, WORDING
 from estimators.regression.evidence import Evidence, Prior, joined, posterior
 from limo_driver.logs.readers.columns import CURRENT
 from limo_driver.physics import GravityDirection, TorqueGain
@@ -58,15 +57,15 @@ if TYPE_CHECKING:
     from limo_driver.types import FloatArray
 
 
-def tests_of(problem: RegressionProblem, solution: Solution) -> tuple[Test, ...]:
+def tests_of(solution: Solution) -> tuple[Test, ...]:
     """Ask every question of every joint whose error is above its noise floor.
 
     A joint that moves in no stretch held out has nothing to judge an answer by, and is not asked.
 
     Args:
-        problem: Observations, nuisance columns and rows held out.
         solution: The chosen set; what it leaves is the noise floor, and its noise counts.
     """
+    problem = solution.problem
     empty = solution.search.prior(())
     before = problem.left(solution.search.evidence.posterior(empty))
     after = problem.left(solution.fitted)
@@ -313,9 +312,9 @@ def guessed_notes(judged: JudgedSet, given: Simulation) -> Iterator[str]:
         )
     named = {place for place in judged.places(judged.findings) if place[0] != TorqueGain.name}
     base = {problem.candidates[i].place for i in problem.base}
-    as_it_is = _sought(problem, solution, _Guess("", 1.0)) | named | base
+    as_it_is = _sought(solution, _Guess("", 1.0)) | named | base
     for guess in _guesses(known):
-        found = _sought(problem, solution, guess)
+        found = _sought(solution, guess)
         gone, come = sorted(named - found), sorted(found - as_it_is)
         # a wider tolerance takes names away, a narrower one adds some; what else comes or goes is
         # in exchange for those
@@ -341,8 +340,9 @@ def _guesses(known: Tolerances) -> Iterator[_Guess]:
         yield _Guess("gain", 1.0, MATTERS)
 
 
-def _sought(problem: RegressionProblem, solution: Solution, guess: _Guess) -> set[_Place]:
+def _sought(solution: Solution, guess: _Guess) -> set[_Place]:
     """Return what is found around a solution with another tolerance, by effect and joints."""
+    problem = solution.problem
     prior, bodies = problem.nuisance.prior, problem.observed.chain.width
     of_effects = np.array([item.of_effect for item in problem.nuisance.parameters], dtype=bool)
     some = {"inertia": np.arange(of_effects.size) < bodies, "friction": of_effects}

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 _SPEED = ("at low speed", "at high speed")
 _REVERSAL = ("soon after reversals", "long after reversals")
@@ -67,7 +67,7 @@ def predictable_part(observed: Observations, residual: FloatArray, joint: int) -
     return best
 
 
-def _folds(observed: Observations) -> NDArray[np.int64]:
+def _folds(observed: Observations) -> IntArray:
     """Cut every recording into blocks of time and deal them out, (K,)."""
     since = observed.slow.time - observed.slow.time[0]
     block = np.floor(since / block_of(observed, HELD_OUT.block)).astype(np.int64)
@@ -128,9 +128,7 @@ def _hats(observed: Observations) -> FloatArray:
     return np.concatenate(parts, axis=1)
 
 
-def swings(
-    residual: FloatArray, use: NDArray[np.bool_], segment: NDArray[np.int64]
-) -> NDArray[np.bool_]:
+def swings(residual: FloatArray, use: BoolArray, segment: IntArray) -> BoolArray:
     """Mark the joints (n,) whose errors (K, n) are predicted by those right before, as swings are.
 
     In short blocks of rows in `use` (K, n), within segments (K,): a swing changes its frequency

@@ -23,11 +23,10 @@ from limo_driver.physics import TorqueGain, TorqueOffset
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.judgement.writing import Elsewhere, Written
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from estimators.diagnosis.verdict import Verdict
+    from limo_driver.types import BoolArray
 
 
 def without_unreported(found: Written, verdict: Verdict) -> Written:
@@ -153,7 +152,7 @@ def with_offsets(found: Written, verdict: Verdict) -> Written:
     )
 
 
-def _offset(found: Observations, rows: NDArray[np.bool_], joints: Sequence[int]) -> Observations:
+def _offset(found: Observations, rows: BoolArray, joints: Sequence[int]) -> Observations:
     """Return recordings with offsets of joints (0-based) that rows (K,) leave in the mean."""
     mean, simulation = mean_left(found, rows), found.simulation
     added = (TorqueOffset(joint=j + 1, offset=float(mean[j])) for j in joints)

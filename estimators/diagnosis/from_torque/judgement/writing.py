@@ -36,13 +36,11 @@ from limo_driver.physics import QuadraticDrag
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.hypotheses.candidates import Candidate
     from estimators.diagnosis.from_torque.judgement.judged_set import JudgedSet
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Effect, Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 @dataclass(frozen=True)
@@ -60,7 +58,7 @@ class Elsewhere:
     kind: str  # what was left out
     given: Simulation
     floor: FloatArray  # noise floor of each joint, (n,) [N m]
-    turns: tuple[tuple[Observations, NDArray[np.bool_]], ...]  # with each fit; rows left out
+    turns: tuple[tuple[Observations, BoolArray], ...]  # with each fit; rows left out
 
     @classmethod
     def of(cls, judged: JudgedSet, improved: Observations, given: Simulation) -> Elsewhere:
@@ -71,11 +69,11 @@ class Elsewhere:
             improved: The recordings with its fit to all rows.
             given: The simulation that it may improve.
         """
-        observed, places = judged.problem.observed, places_of(judged.problem, judged.solution)
+        observed, places = judged.problem.observed, places_of(judged.solution)
         kind, chosen = of_another_kind(observed)
         around = linearised(improved, observed.simulation, places)
 
-        def fitted(rows: NDArray[np.bool_]) -> Observations:
+        def fitted(rows: BoolArray) -> Observations:
             split = Split.without(observed, rows).fitted
             return in_domains(around.learned_from(split, observed.simulation), given, split)
 
@@ -87,7 +85,7 @@ class Elsewhere:
         return self.turns[0][0].under(self.given)
 
     @property
-    def _measured(self) -> NDArray[np.bool_]:
+    def _measured(self) -> BoolArray:
         """Mark the torques that were measured while nothing pushed, at rest as well, (K, n)."""
         first = self._as_given
         pushed = first.disturbed
@@ -139,7 +137,7 @@ class Elsewhere:
     def _left(self, parts: Collection[str], *, less_mean: bool = False) -> FloatArray:
         """Return what fits leave of the motion that was left out for them, some parts as given."""
 
-        def left(turn: Observations, rows: NDArray[np.bool_]) -> FloatArray:
+        def left(turn: Observations, rows: BoolArray) -> FloatArray:
             found = turn.under(without(turn.simulation, self.given, parts))
             less = mean_left(found, ~rows) if less_mean else 0.0
             return found.residual[rows] - less
@@ -147,7 +145,7 @@ class Elsewhere:
         return np.concatenate([left(*turn) for turn in self.turns])
 
 
-def mean_left(found: Observations, rows: NDArray[np.bool_]) -> FloatArray:
+def mean_left(found: Observations, rows: BoolArray) -> FloatArray:
     """Return the mean of what is left over moving rows among `rows` (K,), (n,) [N m]."""
     some = found.moving & rows[:, None]
     return np.sum(np.where(some, found.residual, 0.0), axis=0) / np.maximum(some.sum(axis=0), 1)

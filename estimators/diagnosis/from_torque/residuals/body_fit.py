@@ -43,11 +43,9 @@ from limo_driver.physics import GravityDirection
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.physics import Simulation
-    from limo_driver.types import FloatArray
+    from limo_driver.types import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,7 @@ def usual_misfit(fit: BodyFit) -> FloatArray:
     return np.minimum(bare, fit.misfit(last)) if fit.change(last)[0] > 0 else bare
 
 
-def by_load(sample: RowSample) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def by_load(sample: RowSample) -> tuple[IntArray, IntArray]:
     """Return the joints (0-based) whose torque does not follow their load, and those that do.
 
     Joints whose load is small beside their torque are neither.
@@ -126,7 +124,7 @@ def strange_load(observed: Observations, sample: RowSample) -> str:
     return f"{not_the_load(observed, foreign)}, or torque of another motion?"
 
 
-def not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:
+def not_the_load(observed: Observations, joints: IntArray) -> str:
     """Say of which joints (0-based) the torque is not their load, and ask of another robot."""
     named = ", ".join(str(j + 1) for j in joints.tolist())
     return (
@@ -135,7 +133,7 @@ def not_the_load(observed: Observations, joints: NDArray[np.int64]) -> str:
     )
 
 
-def parts_of_load(sample: RowSample, joints: NDArray[np.int64]) -> str:
+def parts_of_load(sample: RowSample, joints: IntArray) -> str:
     """Say how much of the load each joint (0-based) shows where that, with friction, is its torque.
 
     Sensors, currents or bodies that are off by a factor look like this, and the factor tells which.

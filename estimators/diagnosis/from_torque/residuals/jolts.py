@@ -45,17 +45,14 @@ from estimators.diagnosis.from_torque.residuals.pushes import Push, TimeSpan, co
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.quantities import listed, rounded
 from estimators.diagnosis.settings import FEW, LEVEL, MOST, NEARLY_ALL, OUTLYING, TINY
-from estimators.diagnosis.settings.afterwards import WORDING
-from estimators.diagnosis.settings.judgement import JOLTS, PUSHES
+from estimators.diagnosis.settings.judgement import JOLTS, PUSHES, WORDING
 from estimators.diagnosis.settings.residuals import ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray
 
 
 def holds(observed: Observations) -> tuple[Push, ...]:
@@ -302,7 +299,7 @@ def _explained(
     return np.asarray(np.sum(along**2, axis=1) / max(float(np.sum(left**2)), TINY**2))
 
 
-def _load_changes(observed: Observations, event: TimeSpan) -> NDArray[np.bool_]:
+def _load_changes(observed: Observations, event: TimeSpan) -> BoolArray:
     """Mark the joints (n,) whose load changes sign in an event, or the fall before it."""
     time = observed.slow.time
     near = (observed.recording == event.recording) & (time > event.start - PUSHES.longest / 2)

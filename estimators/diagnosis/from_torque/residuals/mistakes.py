@@ -18,16 +18,13 @@ from scipy.optimize import nnls
 from estimators.diagnosis.settings import FEW, MOST, TINY
 from estimators.diagnosis.settings.residuals import MISTAKES
 from limo_driver.model.units import unit_of
-from limo_driver.types import Motion
+from limo_driver.types import BoolArray, FloatArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
     from limo_driver.model import RobotModel
-    from limo_driver.types import FloatArray
 
 ANGLES = np.linspace(-np.pi, np.pi, MISTAKES.angles, endpoint=False)  # [rad]
 _DEGREES = float(np.rad2deg(1.0))
@@ -40,7 +37,7 @@ class RowSample:
     body: RobotModel
     motion: Motion
     torque: FloatArray  # (K, n) less springs, rotors and what else is known beside friction [N m]
-    moving: NDArray[np.bool_]  # (K, n)
+    moving: BoolArray  # (K, n)
     constant: tuple[int, ...] = ()  # joints (0-based) whose encoder gives one value throughout
 
     @classmethod
@@ -63,7 +60,7 @@ class RowSample:
         return self.body.inverse_dynamics(motion.position, motion.velocity, motion.acceleration)
 
     @cached_property
-    def judged(self) -> NDArray[np.bool_]:
+    def judged(self) -> BoolArray:
         """Mark the joints that move on enough rows to be judged, (n,)."""
         return self.moving.sum(axis=0) >= MISTAKES.least_moving
 

@@ -36,11 +36,9 @@ from limo_driver.runtime.compiled import compiled
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.physics import Simulation
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True)
@@ -49,15 +47,11 @@ class Noise:
 
     weight: FloatArray  # (n, order + 1, order): of the last rows, for each number of them known
     white: FloatArray  # (n, order + 1) standard deviation of the prediction error [N m]
-    known: NDArray[np.int64]  # (K, n) rows before, at most the order, in the same run
+    known: IntArray  # (K, n) rows before, at most the order, in the same run
 
     @classmethod
     def of(
-        cls,
-        residual: FloatArray,
-        use: NDArray[np.bool_],
-        segment: NDArray[np.int64],
-        least: float = TINY,
+        cls, residual: FloatArray, use: BoolArray, segment: IntArray, least: float = TINY
     ) -> Noise:
         """Fit an autoregression to each joint.
 
@@ -80,12 +74,12 @@ class Noise:
         """Return errors that are alike in time, and larger by a factor of each joint (n,)."""
         return replace(self, white=self.white * factor[:, None])
 
-    def over(self, use: NDArray[np.bool_], segment: NDArray[np.int64]) -> Noise:
+    def over(self, use: BoolArray, segment: IntArray) -> Noise:
         """Return errors that look the same on other rows, (K, n), within segments (K,)."""
         return replace(self, known=_known(use, segment))
 
     @classmethod
-    def independent(cls, deviation: FloatArray, use: NDArray[np.bool_]) -> Noise:
+    def independent(cls, deviation: FloatArray, use: BoolArray) -> Noise:
         """Return white noise of given deviations (n,) [N m] on rows (K, n)."""
         n = deviation.size
         white = np.repeat(deviation[:, None], NOISE.order + 1, axis=1)
@@ -93,9 +87,7 @@ class Noise:
             np.zeros((n, NOISE.order + 1, NOISE.order)), white, np.zeros(use.shape, dtype=np.int64)
         )
 
-    def whiten(
-        self, values: FloatArray, joint: int, use: NDArray[np.bool_] | None = None
-    ) -> FloatArray:
+    def whiten(self, values: FloatArray, joint: int, use: BoolArray | None = None) -> FloatArray:
         """Whiten one joint's errors or columns, (K, ...), to unit variance.
 
         Returns:
@@ -110,11 +102,7 @@ class Noise:
 
 @compiled(reads=("columns", "weight", "white"), nogil=True, error_model="numpy")
 def _whitened(
-    columns: FloatArray,
-    wanted: NDArray[np.int64],
-    known: NDArray[np.int64],
-    weight: FloatArray,
-    white: FloatArray,
+    columns: FloatArray, wanted: IntArray, known: IntArray, weight: FloatArray, white: FloatArray
 ) -> FloatArray:
     """Return the prediction errors of columns (p, K) over their deviation on R rows, (p, R).
 
@@ -141,7 +129,7 @@ def _whitened(
     return result
 
 
-def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int64]:
+def _known(use: BoolArray, segment: IntArray) -> IntArray:
     """Count the used rows right before each row in its segment, up to the order; (K, n)."""
     known = np.zeros(use.shape, dtype=np.int64)
     unbroken = np.ones(use.shape, dtype=bool)
@@ -153,9 +141,7 @@ def _known(use: NDArray[np.bool_], segment: NDArray[np.int64]) -> NDArray[np.int
     return known
 
 
-def _covariance(
-    residual: FloatArray, use: NDArray[np.bool_], known: NDArray[np.int64], least: float
-) -> FloatArray:
+def _covariance(residual: FloatArray, use: BoolArray, known: IntArray, least: float) -> FloatArray:
     """Return the covariance of errors 0 to `order` rows apart, (order + 1,) [N² m²]."""
     result = np.zeros(NOISE.order + 1)
     for lag in range(NOISE.order + 1):
@@ -182,7 +168,7 @@ def _levinson(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     return weight, white
 
 
-def roughness(residual: FloatArray, use: NDArray[np.bool_], least: float = TINY) -> FloatArray:
+def roughness(residual: FloatArray, use: BoolArray, least: float = TINY) -> FloatArray:
     """Return what changes from row to row in residuals (K, n), as a white deviation; (n,) [N m].
 
     Third differences leave nothing of what changes slowly; a lower bound of the noise, which is
@@ -203,7 +189,7 @@ def usual_error(errors: FloatArray) -> float:
     return max(usual, np.finfo(float).tiny)
 
 
-def usual_errors(errors: FloatArray, use: NDArray[np.bool_]) -> FloatArray:
+def usual_errors(errors: FloatArray, use: BoolArray) -> FloatArray:
     """Return the same of each joint (n,), by the rows (K, n) of its errors (K, n) that count."""
     return np.array([usual_error(errors[rows, j]) for j, rows in enumerate(use.T)])
 
@@ -278,9 +264,9 @@ class ColumnTable:
         self.rows, self.joints = rows, joints
         self.count = 0
         self._values: list[list[FloatArray]] = [[] for _ in range(joints)]  # (c, K) each
-        self._index: list[list[NDArray[np.int64]]] = [[] for _ in range(joints)]
+        self._index: list[list[IntArray]] = [[] for _ in range(joints)]
 
-    def add(self, joints: Sequence[int], values: FloatArray) -> NDArray[np.int64]:
+    def add(self, joints: Sequence[int], values: FloatArray) -> IntArray:
         """Add c columns that act on some joints (0-based), (len(joints), K, c); their indices."""
         index = np.arange(self.count, self.count + values.shape[2])
         for joint, part in zip(joints, values, strict=True):
@@ -289,12 +275,12 @@ class ColumnTable:
         self.count += index.size
         return index
 
-    def of_joint(self, joint: int) -> tuple[FloatArray, NDArray[np.int64]]:
+    def of_joint(self, joint: int) -> tuple[FloatArray, IntArray]:
         """Return the columns that act on a joint, (K, p), and their indices (p,)."""
         values, index = self._of_joint(joint)
         return values.T, index
 
-    def _of_joint(self, joint: int) -> tuple[FloatArray, NDArray[np.int64]]:
+    def _of_joint(self, joint: int) -> tuple[FloatArray, IntArray]:
         """Return the same as they lie in memory, (p, K)."""
         if not self._values[joint]:
             return np.zeros((0, self.rows)), np.zeros(0, dtype=np.int64)
@@ -303,7 +289,7 @@ class ColumnTable:
             self._index[joint] = [np.concatenate(self._index[joint])]
         return self._values[joint][0], self._index[joint][0]
 
-    def apply(self, index: NDArray[np.int64], coefficients: FloatArray) -> FloatArray:
+    def apply(self, index: IntArray, coefficients: FloatArray) -> FloatArray:
         """Return the torque of some columns times coefficients, (K, n) [N m]."""
         full = np.zeros(self.count)
         np.add.at(full, index, coefficients)
@@ -315,7 +301,7 @@ class ColumnTable:
                 result[:, joint] += own[some] @ values[some]
         return result
 
-    def only(self, index: NDArray[np.int64]) -> ColumnTable:
+    def only(self, index: IntArray) -> ColumnTable:
         """Return a table of some of the columns (c,), numbered as they are given."""
         place = np.full(self.count, -1)
         place[index] = np.arange(index.size)
@@ -337,7 +323,7 @@ class ColumnTable:
         return size
 
 
-def _runs(marked: NDArray[np.bool_]) -> Iterator[slice]:
+def _runs(marked: BoolArray) -> Iterator[slice]:
     """Yield the stretches of what is marked: those of a fit mostly lie side by side."""
     ends = np.flatnonzero(np.diff(marked, prepend=False, append=False))
     return (slice(a, b) for a, b in ends.reshape(-1, 2).tolist())
@@ -347,7 +333,7 @@ def normal_equations(
     columns: ColumnTable,
     residual: FloatArray,
     noise: Noise,
-    use: NDArray[np.bool_],
+    use: BoolArray,
     known: NormalEquations | None = None,
 ) -> NormalEquations:
     """Sum over the rows in `use`, (K, n), with each joint's errors whitened.

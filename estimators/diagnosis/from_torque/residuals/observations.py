@@ -26,17 +26,14 @@ from limo_driver.physics import TimeDelay
 from limo_driver.physics.effect import ArmMotion, MotionEffect
 from limo_driver.physics.effects.friction import SIGN_WIDTH
 from limo_driver.recordings.filters.differentiation import FilteredStretch, smooth, stretch_of
-from limo_driver.types import Motion
+from limo_driver.types import BoolArray, FloatArray, IntArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.physics import Simulation
     from limo_driver.physics.effect import JointMotion, TorqueEffect
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
 _OF_MOTION = (
     "chain", "in_time", "recorded", "recording", "segment", "since_reversal", "sign_width",
@@ -55,13 +52,13 @@ class Observations:
     motion: Motion  # (T,) all recordings, one after the other; each has its own time
     slow: Motion  # (K,) the same within the bandwidth, on the rows kept
     segments: tuple[slice, ...]  # contiguous stretches of those samples
-    recording_of_sample: NDArray[np.int64]  # (T,) which recording each sample is from
-    kept: NDArray[np.int64]  # (K,) samples that are rows of the slow grid
+    recording_of_sample: IntArray  # (T,) which recording each sample is from
+    kept: IntArray  # (K,) samples that are rows of the slow grid
     measured: FloatArray  # (K, n) [N m]
     extents: Extents  # where mass may be, by the simulation that was given
-    disturbed: NDArray[np.bool_] | None = None  # (K,) rows of pushes and jolts
+    disturbed: BoolArray | None = None  # (K,) rows of pushes and jolts
     around: Simulation | None = None  # that columns are taken around, where not the given one
-    unmeasured: NDArray[np.bool_] | None = None  # (K, n) torques that are no measurement
+    unmeasured: BoolArray | None = None  # (K, n) torques that are no measurement
 
     @classmethod
     def of(
@@ -142,7 +139,7 @@ class Observations:
         other = replace(self, unmeasured=none)
         return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
 
-    def undisturbed(self, rows: NDArray[np.bool_] | None) -> Observations:
+    def undisturbed(self, rows: BoolArray | None) -> Observations:
         """Return the same, where some rows (K,) are of pushes or jolts, or none."""
         other = replace(self, disturbed=rows)
         return self._sharing(other, (*_OF_MOTION, *_OF_REFERENCE, "simulated"))
@@ -200,12 +197,12 @@ class Observations:
         return result
 
     @cached_property
-    def recording(self) -> NDArray[np.int64]:
+    def recording(self) -> IntArray:
         """Recording of each kept row, 0-based, (K,)."""
         return self.recording_of_sample[self.kept]
 
     @cached_property
-    def segment(self) -> NDArray[np.int64]:
+    def segment(self) -> IntArray:
         """Contiguous segment of each kept row, (K,)."""
         return np.searchsorted([rows.stop for rows in self.segments], self.kept, side="right")
 
@@ -379,7 +376,7 @@ class Observations:
         return np.stack([body.inertia_of(position, j).T for j in range(self.n)])
 
     @cached_property
-    def moving(self) -> NDArray[np.bool_]:
+    def moving(self) -> BoolArray:
         """Mark the rows on which a joint is not near rest, without pushes and jolts, (K, n).
 
         Near rest friction takes any value in its band, and a sharp sign turns the noise of the
@@ -403,7 +400,7 @@ class Observations:
                 width[joint - 1] = max(width[joint - 1], *widths)
         return width
 
-    def faster(self, widths: float) -> NDArray[np.bool_]:
+    def faster(self, widths: float) -> BoolArray:
         """Mark the rows, (K, n), on which a joint does not get slower than some sign widths.
 
         Nor does it within the reach of the filter, and nothing pushes. Where friction is stated
@@ -425,7 +422,7 @@ class Observations:
             moving &= ~self.unmeasured
         return moving if self.disturbed is None else moving & ~self.disturbed[:, None]
 
-    def measured_on(self, rows: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def measured_on(self, rows: BoolArray) -> BoolArray:
         """Mark which torques of some rows (K,) are measurements, (K, n)."""
         every = np.broadcast_to(rows[:, None], self.measured.shape)
         return every if self.unmeasured is None else every & ~self.unmeasured

@@ -11,15 +11,12 @@ from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from estimators.diagnosis.settings.residuals import ROWS
-from limo_driver.types import Motion
+from limo_driver.types import BoolArray, FloatArray, IntArray, Motion
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.recordings.recording import Recording
-    from limo_driver.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -30,8 +27,8 @@ class ObservedRecording:
     smooth: Motion
     measured: FloatArray  # (T, n) [N m]
     segments: tuple[slice, ...]
-    kept: NDArray[np.int64]  # samples that are rows of the slow grid
-    unmeasured: NDArray[np.bool_]  # (T, n) torques that are none, as far as the filter spreads them
+    kept: IntArray  # samples that are rows of the slow grid
+    unmeasured: BoolArray  # (T, n) torques that are none, as far as the filter spreads them
 
     @classmethod
     def of(cls, recording: Recording, bandwidth: float) -> ObservedRecording:
@@ -85,7 +82,7 @@ class ObservedRecording:
         )
 
 
-def _unmeasured(recording: Recording, bandwidth: float) -> NDArray[np.bool_]:
+def _unmeasured(recording: Recording, bandwidth: float) -> BoolArray:
     """Mark torques (T, n) that are no measurement, or that the filter mixes with some.
 
     Those of a joint whose torque is one value in all rows are none, either.
@@ -111,11 +108,11 @@ def _even(time: FloatArray) -> FloatArray:
 
 
 def _slow_rows(
-    time: FloatArray, segments: Sequence[slice], inside: NDArray[np.bool_], bandwidth: float
-) -> NDArray[np.int64]:
+    time: FloatArray, segments: Sequence[slice], inside: BoolArray, bandwidth: float
+) -> IntArray:
     """Return the samples of the slow grid: at most so many per second, none at an edge."""
     period = 1.0 / (ROWS.per_bandwidth * bandwidth)
-    kept: list[NDArray[np.int64]] = []
+    kept: list[IntArray] = []
     for rows in segments:
         cell = np.floor((time[rows] - time[rows.start]) / period)
         first = np.flatnonzero(np.diff(cell, prepend=-1)) + rows.start

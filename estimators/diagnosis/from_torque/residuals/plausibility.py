@@ -41,21 +41,20 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import (
 )
 from estimators.diagnosis.quantities import listed, of_joints
 from estimators.diagnosis.settings import CLEARLY, FAR, FEW, HALF, LITTLE, MATTERS, SOME
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 from estimators.diagnosis.settings.residuals import MISTAKES, ROWS
 from estimators.regression.evidence import REACH
 from estimators.rigid_body.regressor import PER_LINK
 from estimators.rigid_body.tolerances import bare
 from limo_driver.errors import RecordingError
-from limo_driver.recordings.bandwidth import lowered
+from limo_driver.recordings.bandwidth import about_lower_bandwidth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.recordings.recording import Recording
+    from limo_driver.types import BoolArray
 
 
 def check_plausible(observed: Observations) -> None:
@@ -202,7 +201,7 @@ def notes_on(observed: Observations, doubts: Sequence[str] | None = None) -> tup
         for recording in observed.recordings
         for warning in recording.warnings
     ]
-    if (slow := lowered(observed.recordings, observed.bandwidth)) is not None:
+    if (slow := about_lower_bandwidth(observed.recordings, observed.bandwidth)) is not None:
         warnings.append(slow)
     warnings += doubts_on(observed) if doubts is None else doubts
     if holds_still(observed):
@@ -348,7 +347,7 @@ def _change(before: RowSample, after: RowSample) -> float:
     return float(after_ - before_)
 
 
-def _mended(before: RowSample, after: RowSample) -> NDArray[np.bool_]:
+def _mended(before: RowSample, after: RowSample) -> BoolArray:
     """Mark the strange joints that undoing a mistake makes fit, (n,)."""
     strange = after.judged & (before.misfit > MATTERS)
     better = FAR * after.misfit < before.misfit

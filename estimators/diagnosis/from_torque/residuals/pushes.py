@@ -33,12 +33,10 @@ from estimators.diagnosis.from_torque.residuals.usable_joints import doubtful_en
 from estimators.diagnosis.settings import FAR, FEW, NEARLY_ALL, TINY
 from estimators.diagnosis.settings.judgement import PUSHES
 from estimators.regression.evidence import REACH
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray, IntArray
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from estimators.diagnosis.from_torque.residuals.observations import Observations
 
@@ -98,7 +96,7 @@ def pushes(observed: Observations, residual: FloatArray) -> tuple[Push, ...]:
     return tuple(push for push in events if push.surprisal > PUSHES.rare)
 
 
-def covered(observed: Observations, found: Sequence[TimeSpan]) -> NDArray[np.bool_]:
+def covered(observed: Observations, found: Sequence[TimeSpan]) -> BoolArray:
     """Mark the rows that pushes or jolts act on, filter included, (K,)."""
     time = observed.slow.time
     result = np.zeros(time.size, dtype=bool)
@@ -121,12 +119,8 @@ def overlap(a: TimeSpan, b: TimeSpan, within: float = PUSHES.spread) -> bool:
 
 
 def _overlapping(
-    push: Push,
-    recording: NDArray[np.int64],
-    first: FloatArray,
-    last: FloatArray,
-    within: float = 0.0,
-) -> NDArray[np.bool_]:
+    push: Push, recording: IntArray, first: FloatArray, last: FloatArray, within: float = 0.0
+) -> BoolArray:
     """Mark windows (S,) that share time with a push, or have less than a time [s] between."""
     own = recording == push.recording
     return own & (first < push.end + within) & (last > push.start - within)
@@ -146,9 +140,9 @@ class _Scan:
     floor: FloatArray  # (n,) [N m], what is usual
     surprise: FloatArray  # (K, n) over as long as a short hit, zero where it is not judged
     lasting: FloatArray  # (K, n) over longer, by which the confidence was learned
-    judged: NDArray[np.bool_]  # (K, n)
-    steady: NDArray[np.bool_]  # (K, n), those of them that are not about a reversal
-    resting: NDArray[np.bool_]  # (K,)
+    judged: BoolArray  # (K, n)
+    steady: BoolArray  # (K, n), those of them that are not about a reversal
+    resting: BoolArray  # (K,)
 
     @classmethod
     def of(cls, observed: Observations, residual: FloatArray) -> _Scan:
@@ -263,7 +257,7 @@ class _Scan:
 
     def _energies(
         self, surprise: FloatArray, smoothed: float, rows: int
-    ) -> tuple[FloatArray, NDArray[np.bool_], float]:
+    ) -> tuple[FloatArray, BoolArray, float]:
         """Return sums of squares over so many rows from each on, (S, n), and which are judged.
 
         Not judged are those of too few judged rows, and those in which a segment ends. The last is
@@ -275,10 +269,10 @@ class _Scan:
         independent = rows / (PUSHES.alike * _odd_rows(self.observed, smoothed))
         return energy, whole[:, None] & (known >= PUSHES.judged * rows), independent
 
-    def _touch_rest(self, rows: int) -> NDArray[np.bool_]:
+    def _touch_rest(self, rows: int) -> BoolArray:
         return np.asarray(_sums(self.resting[:, None].astype(float), rows)[:, 0] > 0)
 
-    def _turn(self, rows: int) -> NDArray[np.bool_]:
+    def _turn(self, rows: int) -> BoolArray:
         """Mark windows (S, n) in which a joint turns: they do not tell what is usual."""
         return np.asarray(_sums((self.judged & ~self.steady).astype(float), rows) > 0)
 
@@ -336,7 +330,7 @@ class _Scan:
         _, start, end = min(sine, hold)
         return replace(push, start=start, end=end, held=hold < sine)
 
-    def _within(self, push: Push) -> NDArray[np.bool_]:
+    def _within(self, push: Push) -> BoolArray:
         """Mark the rows (K,) between the start and the end of a push."""
         time = self.observed.slow.time
         own = self.observed.recording == push.recording
@@ -361,7 +355,7 @@ class _Scan:
         moves = np.flatnonzero(before & self.observed.moving.any(axis=1))
         return not moves.size or bool(quiet[moves[-1] + 1 :][before[moves[-1] + 1 :]].any())
 
-    def _quiet(self, push: Push) -> NDArray[np.bool_]:
+    def _quiet(self, push: Push) -> BoolArray:
         """Mark rows (K,) about which errors of what felt a push are as usual for a while."""
         joints = list(push.joints)
         large = (np.abs(self.residual[:, joints]) > REACH * self.floor[joints]).any(axis=1)
@@ -423,13 +417,13 @@ def _odd_rows(observed: Observations, seconds: float) -> int:
     return rows_in(observed, seconds) | 1
 
 
-def _noise(observed: Observations, residual: FloatArray, use: NDArray[np.bool_]) -> Noise:
+def _noise(observed: Observations, residual: FloatArray, use: BoolArray) -> Noise:
     """Return how errors (K, n) usually look: what a push adds is cut, and passes for none."""
     most = PUSHES.cut * usual_errors(residual, use)
     return Noise.of(np.clip(residual, -most, most), use, observed.segment, observed.least_noise)
 
 
-def _resting(observed: Observations) -> NDArray[np.bool_]:
+def _resting(observed: Observations) -> BoolArray:
     """Mark the rows (K,) on which the whole arm has been at rest for a while, and stays.
 
     While others move, a joint that rests holds any torque within its friction. So does an arm that
@@ -444,7 +438,7 @@ def _resting(observed: Observations) -> NDArray[np.bool_]:
     return result
 
 
-def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
+def _inertial(observed: Observations, moving: BoolArray) -> FloatArray:
     """Return the largest torque of the arm's own acceleration about each row, (K, n).
 
     Over what it usually is while a joint moves: an error that grows with it is no push.
@@ -459,7 +453,7 @@ def _inertial(observed: Observations, moving: NDArray[np.bool_]) -> FloatArray:
     return near / np.maximum(usual, np.finfo(float).tiny)
 
 
-def _grown(errors: FloatArray, inertial: FloatArray, moving: NDArray[np.bool_]) -> FloatArray:
+def _grown(errors: FloatArray, inertial: FloatArray, moving: BoolArray) -> FloatArray:
     """Return how many times as large as at rest errors (K, n) are, as they grow with inertia.
 
     By what nearly all stay below in the slower and in the faster half of the rows of motion: noise

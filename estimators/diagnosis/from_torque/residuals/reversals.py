@@ -31,15 +31,13 @@ from estimators.diagnosis.settings import MATTERS, MOST, NEARLY_ALL, TINY
 from estimators.diagnosis.settings.judgement import PUSHES
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 _LEAST = float(np.log(np.finfo(float).tiny))
 
 
-def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
+def steadily_moving(observed: Observations) -> BoolArray:
     """Mark the rows (K, n) on which a joint moves on for a while, in one direction.
 
     A joint that turns stops and starts, however fast it passes through rest.
@@ -49,7 +47,7 @@ def steadily_moving(observed: Observations) -> NDArray[np.bool_]:
     return np.asarray(settled, dtype=bool)
 
 
-def ends_of_motion(observed: Observations) -> NDArray[np.bool_]:
+def ends_of_motion(observed: Observations) -> BoolArray:
     """Mark the rows (K,) outside the motion of a recording, and in its first and last moments.
 
     Those are of starting and of braking.
@@ -65,7 +63,7 @@ def ends_of_motion(observed: Observations) -> NDArray[np.bool_]:
     return result
 
 
-def about_reversals(observed: Observations) -> NDArray[np.bool_]:
+def about_reversals(observed: Observations) -> BoolArray:
     """Mark the rows (K, n) on which a joint turns, has just turned or is about to.
 
     Not those near a moment in which no joint moves: that is an end of the motion.
@@ -77,10 +75,7 @@ def about_reversals(observed: Observations) -> NDArray[np.bool_]:
 
 
 def usual_about_reversals(
-    observed: Observations,
-    errors: FloatArray,
-    steady: NDArray[np.bool_],
-    turns: NDArray[np.bool_],
+    observed: Observations, errors: FloatArray, steady: BoolArray, turns: BoolArray
 ) -> FloatArray:
     """Return how large errors usually are about a reversal, over those of steady motion, (K, n).
 
@@ -104,10 +99,7 @@ def usual_about_reversals(
 
 
 def _large_at_others(
-    squares: FloatArray,
-    rows: NDArray[np.int64],
-    stops: NDArray[np.bool_],
-    moving: NDArray[np.bool_],
+    squares: FloatArray, rows: IntArray, stops: BoolArray, moving: BoolArray
 ) -> FloatArray:
     """Return what squares (R,) of some rows (R,) reach as long before or after other stops, (R,).
 
@@ -155,7 +147,7 @@ def _quantile_of_others(table: FloatArray) -> FloatArray:
     return np.where(enough, low + (at % 1.0) * (high - low), np.inf)
 
 
-def _turning(observed: Observations) -> NDArray[np.bool_]:
+def _turning(observed: Observations) -> BoolArray:
     """Mark the last row (K, n) before a joint turns, and the first after.
 
     Or before and after it all but stops, to go on as before: its friction does the same.

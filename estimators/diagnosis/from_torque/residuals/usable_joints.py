@@ -30,10 +30,8 @@ from limo_driver.physics.effects.friction import SIGN_WIDTH
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
     from estimators.diagnosis.from_torque.residuals.observations import Observations
-    from limo_driver.types import FloatArray
+    from limo_driver.types import BoolArray, FloatArray, IntArray
 
 
 def still(observed: Observations) -> tuple[int, ...]:
@@ -191,9 +189,7 @@ def _repeat(observed: Observations, left: FloatArray, first: int, second: int) -
     return Repeat((first, second), delay, np.where(moving.any(axis=0), differ, np.nan))
 
 
-def _known(
-    observed: Observations, rows: NDArray[np.int64], others: NDArray[np.int64], delay: float
-) -> NDArray[np.bool_]:
+def _known(observed: Observations, rows: IntArray, others: IntArray, delay: float) -> BoolArray:
     """Mark the rows (R,) at whose place in the motion the other recording has no gap."""
     time = observed.slow.time
     there = time[rows] + delay
@@ -202,7 +198,7 @@ def _known(
     return whole & (there >= time[others[0]]) & (there <= time[others[-1]])
 
 
-def _delay(observed: Observations, rows: NDArray[np.int64], others: NDArray[np.int64]) -> float:
+def _delay(observed: Observations, rows: IntArray, others: IntArray) -> float:
     """Return how much later the motion is in the second recording's time, to a row [s]."""
     from scipy.signal import correlate, correlation_lags  # slow to import; few have a repeat
 

@@ -17,11 +17,9 @@ from limopa.request import EVERYWHERE
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from limo_driver.model import RobotModel
     from limo_driver.robot.registry import Examination
-    from limo_driver.types import FloatArray, JointState
+    from limo_driver.types import BoolArray, FloatArray, JointState
 
 ANGLE: Final = math.radians(2.0)
 JOINT_SPEED: Final = 0.05  # of the limit of velocity
@@ -163,7 +161,7 @@ class Watchman:
         self,
         model: RobotModel,
         start: FloatArray,
-        moving: NDArray[np.bool_],
+        moving: BoolArray,
         setpoint: Callable[[], FloatArray],
         behind: float,
     ) -> None:

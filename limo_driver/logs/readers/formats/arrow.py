@@ -19,6 +19,7 @@ from limo_driver.logs.readers.table import LogTable
 from limo_driver.recordings.files.batches import FEW, Kept, kept_of
 from limo_driver.recordings.files.delimited import DelimitedText, tables_in
 from limo_driver.recordings.files.parquet import parquet_rows, reading_parquet
+from limo_driver.types import IntArray
 
 # pyarrow ships no type stubs, so its columns are unknown to the checker.
 # pyright: reportUnknownParameterType=false, reportAttributeAccessIssue=false
@@ -159,13 +160,13 @@ class _Labels(NamedTuple):
 
     columns: frozenset[str]
     entries: dict[tuple[str, int], tuple[str, ...]]  # by what they are fields of, and their number
-    orders: dict[tuple[str, int], NDArray[np.int64] | str]  # (T, k), where rows have others; or why
+    orders: dict[tuple[str, int], IntArray | str]  # (T, k), where rows have others; or why
 
 
 def _labels_in(table: pa.Table) -> _Labels:
     """Return the texts of lists that are the same in each row; none where two are as long."""
     columns, entries = set[str](), dict[tuple[str, int], tuple[str, ...]]()
-    orders = dict[tuple[str, int], "NDArray[np.int64] | str"]()
+    orders = dict[tuple[str, int], "IntArray | str"]()
     for name, column in zip(table.column_names, table.columns, strict=True):
         if not (_is_list(column.type) and pa.types.is_string(column.type.value_type)):
             continue
@@ -320,7 +321,7 @@ def clock_times(column: pa.ChunkedArray) -> NDArray[Any] | None:
     return np.where(known, ns, np.iinfo(np.int64).min).astype("timedelta64[ns]")
 
 
-def _nanoseconds(parts: pa.StructArray) -> NDArray[np.int64]:
+def _nanoseconds(parts: pa.StructArray) -> IntArray:
     total = np.zeros(len(parts), dtype=np.int64)
     for name, seconds in _SECONDS.items():
         total += seconds * _SECOND * _whole(parts.field(name))
@@ -328,6 +329,6 @@ def _nanoseconds(parts: pa.StructArray) -> NDArray[np.int64]:
     return total + _whole(fraction)
 
 
-def _whole(texts: pa.Array) -> NDArray[np.int64]:
+def _whole(texts: pa.Array) -> IntArray:
     filled = compute.if_else(compute.equal(texts.fill_null(""), ""), "0", texts.fill_null("0"))
     return filled.cast(pa.int64()).to_numpy(zero_copy_only=False).astype(np.int64)

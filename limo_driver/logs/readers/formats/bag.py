@@ -30,7 +30,7 @@ from limo_driver.logs.ros.message_layout import DecodedMessage, numbers_of
 from limo_driver.network.messages import JOINT_STATE, JointStateCodec, JointStateMessage
 from limo_driver.network.messages.cdr import CdrReader
 from limo_driver.recordings.files.batches import STRETCH, Stretches
-from limo_driver.types import FloatArray
+from limo_driver.types import FloatArray, IntArray
 
 DYNAMIC_JOINT_STATE: Final = "control_msgs/msg/DynamicJointState"
 _MOST: Final = 1000  # joints
@@ -160,7 +160,7 @@ def topic_with(
 class _Rows:
     """Messages one after the other."""
 
-    stamps: NDArray[np.int64]  # (T,) [ns]
+    stamps: IntArray  # (T,) [ns]
     values: FloatArray  # (T, k)
 
     def cut(self, start: int, stop: int) -> _Rows:

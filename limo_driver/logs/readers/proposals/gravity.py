@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from limo_driver.logs.readers.columns import UNITS
 from limo_driver.model import RobotModel
-from limo_driver.types import FloatArray
+from limo_driver.types import BoolArray, FloatArray
 
 DECISIVE: Final = math.log(4.0)  # by which one reading has to explain the torques better
 WITHIN: Final = 6.0  # factor that loads, friction and gains may make; units are 100 apart
@@ -185,9 +184,7 @@ def some_rows(position: FloatArray, torque: FloatArray | None) -> np.ndarray:
     return rows[:: max(1, rows.size // _ROWS)]
 
 
-def maybe_in_radians(
-    position: FloatArray, turning: NDArray[np.bool_], fits: NDArray[np.bool_]
-) -> tuple[int, ...]:
+def maybe_in_radians(position: FloatArray, turning: BoolArray, fits: BoolArray) -> tuple[int, ...]:
     """Return joints that hardly move in degrees, and move like the others in radians (0-based).
 
     A joint that turns a tool about its own axis feels no gravity: 2 may be degrees or radians.

@@ -470,7 +470,7 @@ def test_a_joint_that_a_fit_harms_stays_as_stated_and_the_others_are_mended(give
 def test_values_held_exact_to_prove_a_set_are_tolerated_as_before(given, monkeypatch):
     def held(self):
         problem = self.problem.with_stated_values()
-        return JudgedSet.of(problem, fitted(problem, (), self.solution.noise)), False
+        return JudgedSet.of(fitted(problem, (), self.solution.noise)), False
 
     monkeypatch.setattr(JudgedSet, "without_harmful_members", held)
     assert diagnose(given, [record(given, 0, 10.0)]).after.tolerances == given.tolerances

@@ -11,7 +11,7 @@ from rich.progress import Progress, TextColumn
 from rich.table import Table
 
 from limo_driver.app.console import terminal as console
-from limo_driver.app.console.terminal import progress_bar, terminal, told_progress
+from limo_driver.app.console.terminal import progress_bar, progress_lines, terminal
 
 ROOT = Path(__file__).parents[4]
 PACKAGES = ("limo_driver", "backends", "estimators", "limopa")
@@ -110,7 +110,7 @@ def test_progress_shows_in_a_file_now_and_then_also_within_one_stage(monkeypatch
         tell("searching", 0.25)
         assert file.is_there.wait(60)
     file = File("3 of 4: ")
-    with told_progress(Console(file=file), "diagnosing") as count:
+    with progress_lines(Console(file=file), "diagnosing") as count:
         count("a row", 3, 4)
         assert file.is_there.wait(60)
     assert file.getvalue().replace("\n", "").isprintable()

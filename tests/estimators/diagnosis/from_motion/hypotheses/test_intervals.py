@@ -42,7 +42,7 @@ def found_in(simulation, recordings, steps):
     loads = ArmLoads(simulation.body, recordings, rows)
     guess = stated_guess(rows)
     problem = ArmProblem(loads, Weights(np.full(2, 1e-4), np.full(2, 0.1)), beliefs(rows, 0.1))
-    return Searched(problem, fit_arm(problem, guess, steps, deviations=True), ())
+    return Searched(fit_arm(problem, guess, steps, deviations=True), ())
 
 
 def test_intervals_hold_what_fits_to_filtered_motion_are_off_by(stated):
@@ -111,13 +111,10 @@ def test_a_gain_that_the_motion_leaves_undecided_is_said_to_be(stated):
     time, command = commands(4.0, 50.0)
     recording = recorded(time, command, command)
     found = found_in(stated, [recording], 0)
-    blind = replace(found.problem, weights=Weights(np.full(2, 1e3), np.full(2, 0.1)))
+    blind = replace(found.fit.problem, weights=Weights(np.full(2, 1e3), np.full(2, 0.1)))
 
-    arm = with_intervals(
-        stated,
-        replace(found, problem=blind, fit=fit_arm(blind, found.fit.guess, 0, deviations=True)),
-        NO_STEP,
-    )
+    fit = fit_arm(blind, found.fit.guess, 0, deviations=True)
+    arm = with_intervals(stated, replace(found, fit=fit), NO_STEP)
 
     assert {(1, "kp"), (2, "kp")} <= set(arm.identified.undecided)
 
@@ -146,10 +143,11 @@ def test_values_of_what_was_found_are_held_and_all_else_is_fitted(stated, sticky
     guess = stated_guess(rows)
     for one in suspects:
         guess = one.added(guess)
-    problem = ArmProblem(loads, Weights(np.full(2, 1e-3), np.full(2, 0.1)), beliefs(rows, 0.1))
-    found = Searched(problem, fit_arm(problem, guess, 0, deviations=True), suspects)
+    weights = Weights(np.full(2, 1e-3), np.full(2, 0.1))
+    problem = ArmProblem(loads, weights, beliefs(rows, 0.1), tick=TICK)
+    found = Searched(fit_arm(problem, guess, 0, deviations=True), suspects)
 
-    arm = prove_on_part(stated, [sticky_recording[:1000]], found, TICK, held=held)
+    arm = prove_on_part(stated, [sticky_recording[:1000]], found, held=held)
 
     shoulder, elbow = (fit.row for fit in arm.identified.fits)
     kept = (

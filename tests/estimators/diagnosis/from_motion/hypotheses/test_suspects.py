@@ -12,7 +12,7 @@ from estimators.diagnosis.from_motion import diagnose_drives, free_run
 from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
 from estimators.diagnosis.from_motion.fitting.identification import DriveIdentification
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
-from estimators.diagnosis.from_motion.fitting.starts import away
+from estimators.diagnosis.from_motion.fitting.starts import mean_distance
 from estimators.diagnosis.from_motion.search import beliefs, stated_guess
 from estimators.diagnosis.from_motion.simulation.constants import COULOMB, value_in, with_values
 from estimators.diagnosis.from_motion.simulation.loads import ArmChange, ArmLoads
@@ -266,7 +266,8 @@ def test_the_nearest_of_the_grid_is_near_what_is_there(rubbing, shape):
 
     assert found["stribeck"] == pytest.approx(STICTION, rel=0.2)
     assert found["v_s"] == pytest.approx(FADES, rel=0.4)
-    assert away(parts, with_values(row, {**found, "delta": shape})) < 0.5 * away(parts, row)
+    begun = with_values(row, {**found, "delta": shape})
+    assert mean_distance(parts, begun) < 0.5 * mean_distance(parts, row)
 
 
 def test_a_joint_without_dry_friction_is_tried_with_little_stiction(rubbing):

@@ -54,8 +54,8 @@ def loaded(observed):
     return problem, solution, solution.fitted.mean[problem.nuisance.prior.index.size :]
 
 
-def payload_in(problem, solution):
-    return next(e for e in improve(problem, solution).effects if isinstance(e, Payload))
+def payload_in(solution):
+    return next(e for e in improve(solution).effects if isinstance(e, Payload))
 
 
 def exists(parameters):
@@ -64,9 +64,9 @@ def exists(parameters):
 
 def test_a_body_that_exists_stays_as_it_was_fitted():
     """Seven joints show all of its parameters."""
-    problem, solution, body = loaded(observed(CRATE))
+    _, solution, body = loaded(observed(CRATE))
     assert exists(body)
-    found = payload_in(problem, solution)
+    found = payload_in(solution)
     assert found.mass == pytest.approx(body[0])
     np.testing.assert_allclose(found.com, body[1:4] / body[0])
 
@@ -75,11 +75,11 @@ def test_a_body_that_cannot_exist_costs_no_more_torque_than_it_has_to(seen):
     """Noise makes the inertia of a rod impossible; what the motion shows of its length stays."""
     problem, solution, body = loaded(seen(ROD))
     assert not exists(body)
-    found = payload_in(problem, solution)
+    found = payload_in(solution)
     assert found.load.is_consistent()
     assert found.mass == pytest.approx(ROD.mass, rel=0.02)
     rows, given = problem.split.held_out, problem.observed.simulation
-    off = problem.observed.under(improve(problem, solution)).residual
+    off = problem.observed.under(improve(solution)).residual
     point = replace(found, inertia=(0.0,) * 6)
     shrunk = problem.observed.under(replace(given, effects=(point,))).residual
     linear = rmse(problem.left(solution.fitted), rows)
@@ -137,7 +137,7 @@ def test_gravity_gives_no_way_to_an_inertia_where_slow_errors_are_thought_likely
     solution = fitted(problem, (payload,), noise)
     assert not exists(solution.fitted.mean[problem.nuisance.prior.index.size :])
     rows = problem.split.held_out
-    linear, drawn = problem.left(solution.fitted), simulated(problem, solution)
+    linear, drawn = problem.left(solution.fitted), simulated(solution)
     assert np.all(rmse(drawn, rows) < 1.1 * rmse(linear, rows))
 
 
@@ -158,7 +158,7 @@ def test_a_body_whose_mass_would_be_out_of_reach_is_drawn_to_where_its_link_is(s
     own = slice(PER_LINK * LINK, PER_LINK * (LINK + 1))
     mean = solution.fitted.mean
     assert not extent.holds(nominal + change @ (mean[own] + mean[count:]))
-    found = improve(problem, solution).inertials[model.link_names[LINK]]
+    found = improve(solution).inertials[model.link_names[LINK]]
     assert found.is_consistent()
     assert extent.holds(parameters_of(found))
 
@@ -170,10 +170,10 @@ def test_what_only_a_load_out_of_reach_explains_does_not_speak_for_one(seen):
     own = slice(problem.nuisance.prior.index.size, None)
     mean, covariance = solution.fitted.mean[own], solution.fitted.covariance[own, own]
     without = 0.5 * float(mean @ np.linalg.solve(covariance, mean))  # [nat], and no load at all
-    assert 0.9 * without < lost_by(problem, solution)[member] < without
+    assert 0.9 * without < lost_by(solution)[member] < without
     for near in (CRATE, ROD):
         problem, solution, _ = loaded(seen(near))
-        assert not lost_by(problem, solution)
+        assert not lost_by(solution)
 
 
 def test_a_load_that_is_stated_may_have_another_mass(seen):
@@ -184,7 +184,7 @@ def test_a_load_that_is_stated_may_have_another_mass(seen):
     kinds = [(item.effect, item.kind) for item in problem.candidates]
     stated = kinds.index((Payload.name, "wrong_parameter"))
     solution = fitted(problem, (stated,), noise)
-    assert payload_in(problem, solution).mass == pytest.approx(4.0, rel=0.05)
+    assert payload_in(solution).mass == pytest.approx(4.0, rel=0.05)
 
 
 def test_the_nearest_body_is_nearer_than_its_neighbours():

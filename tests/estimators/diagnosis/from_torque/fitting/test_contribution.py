@@ -12,10 +12,10 @@ from noisy_recordings import observed
 from estimators.diagnosis.from_torque.fitting import contribution
 from estimators.diagnosis.from_torque.fitting.contribution import (
     convincing,
-    material,
+    error_removed,
     own_joints,
-    strains,
-    sure,
+    puts_values_at_limits,
+    surely_helps,
     surely_less,
 )
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted
@@ -44,8 +44,8 @@ def test_what_is_there_is_material_and_what_is_not_is_nothing(sprung):
     problem, noise = sprung
     spring, absent = place_of(problem, "spring_load", 3), place_of(problem, "quadratic_drag", 5)
     solution = fitted(problem, tuple(sorted((spring, absent))), noise)
-    assert material(problem, solution, spring) > 3.0
-    assert material(problem, solution, absent) == 0.0
+    assert error_removed(solution, spring) > 3.0
+    assert error_removed(solution, absent) == 0.0
 
 
 @pytest.fixture
@@ -74,7 +74,7 @@ def test_what_a_member_removes_is_counted_in_errors_that_are_left(of_torque):
     given = rmse(problem.observed.residual, moving)[0]
     expected = np.sqrt((given / left) ** 2 - 1.0)
     assert expected > 2.0
-    assert material(problem, solution, spring) == pytest.approx(expected, rel=0.15)
+    assert error_removed(solution, spring) == pytest.approx(expected, rel=0.15)
 
 
 @pytest.mark.parametrize(("held_out", "is_sure"), [(1.0, True), (0.3, False)])
@@ -87,7 +87,7 @@ def test_what_raises_errors_of_the_motion_held_out_is_not_sure(of_torque, held_o
 
     problem, noise = of_torque(less_at_times)
     spring = place_of(problem, "spring_load", 1)
-    assert sure(problem, fitted(problem, (spring,), noise), spring) == is_sure
+    assert surely_helps(fitted(problem, (spring,), noise), spring) == is_sure
 
 
 def test_what_fades_before_any_row_is_held_out_counts_over_all_rows_however_little(of_torque):
@@ -97,17 +97,17 @@ def test_what_fades_before_any_row_is_held_out_counts_over_all_rows_however_litt
     solution = fitted(problem, (drift,), noise)
     left, bare = (problem.left(fitted(problem, some, noise).fitted) for some in ((drift,), ()))
     expected = np.sqrt((rmse(bare, moving) / rmse(left, moving)) ** 2 - 1.0)[0]
-    assert material(problem, solution, drift) == pytest.approx(expected, rel=1e-6)
-    assert sure(problem, solution, drift)
+    assert error_removed(solution, drift) == pytest.approx(expected, rel=1e-6)
+    assert surely_helps(solution, drift)
 
 
 def test_what_rows_held_out_miss_at_any_of_its_joints_they_cannot_deny(sprung, monkeypatch):
     problem, noise = sprung
     absent = place_of(problem, "payload", 7)
     solution = fitted(problem, (absent,), noise)
-    assert not sure(problem, solution, absent)
+    assert not surely_helps(solution, absent)
     monkeypatch.setattr(contribution, "_misses", lambda *_: np.arange(7) == 2)
-    assert sure(problem, solution, absent)
+    assert surely_helps(solution, absent)
 
 
 def test_an_effect_acts_at_its_joints_and_a_body_at_all(sprung):
@@ -121,7 +121,7 @@ def test_what_it_does_elsewhere_by_what_is_beside_it_does_not_count(sprung):
     problem, noise = sprung
     other = place_of(problem, "torque_offset", 6)
     alone = fitted(problem, (other,), noise)
-    assert material(problem, alone, other) < 0.5
+    assert error_removed(alone, other) < 0.5
 
 
 @pytest.mark.parametrize(("drag", "named"), [(0.0, True), (5.0, False)])
@@ -132,8 +132,8 @@ def test_what_is_small_beside_a_large_effect_may_be_imprecision_of_that(arm, dra
     own = place_of(problem, "torque_offset", 1)
     beside = [place_of(problem, "quadratic_drag", 1)] if drag else []
     solution = fitted(problem, tuple(sorted((own, *beside))), noise)
-    assert 0.5 < material(problem, solution, own) < 1.0
-    assert convincing(problem, solution, own) == named
+    assert 0.5 < error_removed(solution, own) < 1.0
+    assert convincing(solution, own) == named
 
 
 @pytest.mark.parametrize(
@@ -149,8 +149,9 @@ def test_several_stated_values_at_their_limits_strain_a_fit_and_sensors_do_not(
     )
     nuisance = SimpleNamespace(prior=SimpleNamespace(index=entered), entered=entered)
     search = SimpleNamespace(evidence=SimpleNamespace(at_limit=lambda fit: fit))
-    some = SimpleNamespace(search=search, fitted=np.full(8, np.nan))
-    assert strains(SimpleNamespace(nuisance=nuisance), some, limits) is strained
+    problem = SimpleNamespace(nuisance=nuisance)
+    some = SimpleNamespace(problem=problem, search=search, fitted=np.full(8, np.nan))
+    assert puts_values_at_limits(some, limits) is strained
 
 
 @pytest.mark.parametrize(("square", "less"), [(0.0070, True), (0.0058, False)])

@@ -119,13 +119,13 @@ def test_of_joints_that_are_late_the_unexplained_and_then_the_clearest_comes_fir
     problem = RegressionProblem.of(Observations.of(given, [recording], 10.0), quiet)
     beside = fitted(problem, (), Noise.independent(np.full(2, 0.01), problem.split.fitted))
     found = [lateness._Late(j, "lag", 0.02, gains[j], beside, [0], np.array([0.3])) for j in (0, 1)]
-    monkeypatch.setattr(lateness, "_of_joint", lambda *given, **_: found[given[2]])
-    made = lateness.with_torque_delay(problem, beside, unknown)
+    monkeypatch.setattr(lateness, "_of_joint", lambda _solution, joint, **_: found[joint])
+    made = lateness.with_torque_delay(beside, unknown)
     assert (made is None) == (late is None)
     if made is not None:
-        (member,) = made[1].members
-        assert made[0].candidates[member].place == ("time_delay", (late,))
-        assert made[1].fitted.mean[[0, -1]] == pytest.approx([0.3, 1.0])
+        (member,) = made.members
+        assert made.problem.candidates[member].place == ("time_delay", (late,))
+        assert made.fitted.mean[[0, -1]] == pytest.approx([0.3, 1.0])
 
 
 @pytest.mark.slow("diagnoses two recordings, and looks for a delay where none seems to help")

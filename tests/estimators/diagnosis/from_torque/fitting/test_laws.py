@@ -168,12 +168,10 @@ def test_settings_go_to_where_they_are_likeliest(given, seen):
     # a third of the width, and of another shape
     assert problem.candidates[member].hypothesis.settings == (0.006, 1.0)
     told: list[float] = []
-    problem, solution = refined(
-        problem, fitted(problem, (member,), noise), lambda _, done: told.append(done)
-    )
+    solution = refined(fitted(problem, (member,), noise), lambda _, done: told.append(done))
     assert 0.0 < max(told) < 1.0
     (member,) = solution.members
-    found = problem.candidates[member].hypothesis
+    found = solution.problem.candidates[member].hypothesis
     assert (found.effect, found.settings) == (dip.name, pytest.approx((0.02, 2.0), rel=0.05))
 
 
@@ -205,5 +203,6 @@ def test_what_brings_most_of_what_a_member_does_is_confused_with_it(monkeypatch)
     evidence = {(1,): 5.0, (1, 0): 105.0, (1, 2): 95.0, (1, 3): 97.0, (1, 4): 10.0, (1, 5): 99.0}
     search = SimpleNamespace(gain=evidence.__getitem__)
     monkeypatch.setattr(laws, "compete", lambda other, _: other.effect != "other")
-    solution = SimpleNamespace(search=search, members=(0, 1))
-    assert confused(SimpleNamespace(candidates=candidates), solution, 0) == [3]
+    problem = SimpleNamespace(candidates=candidates)
+    solution = SimpleNamespace(problem=problem, search=search, members=(0, 1))
+    assert confused(solution, 0) == [3]

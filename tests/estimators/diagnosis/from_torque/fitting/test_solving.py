@@ -11,7 +11,7 @@ import pytest
 from noisy_recordings import observed
 
 from estimators.diagnosis.from_torque.fitting import settling, simplicity, solving
-from estimators.diagnosis.from_torque.fitting.contribution import material
+from estimators.diagnosis.from_torque.fitting.contribution import error_removed
 from estimators.diagnosis.from_torque.fitting.problem import RegressionProblem, fitted, simulated
 from estimators.diagnosis.from_torque.fitting.settling import (
     _in_errors,
@@ -92,22 +92,23 @@ def test_a_member_that_no_simulation_can_follow_goes_and_what_it_carries_stays(c
     assert isinstance(gear, JointElasticity)
     mean[coefficient] = gear.stiffness / 10.0  # 10 N m/rad, under a load of ten newton metres
     runaway = replace(solution, fitted=replace(solution.fitted, mean=mean))
-    assert _runaway(problem, runaway) == soft
-    assert _Search(quiet, None).of_possible_links(problem, runaway)[1] is runaway  # it has no link
-    assert pruned(problem, runaway).members == (payload,)
+    assert _runaway(runaway) == soft
+    assert _Search(quiet, None).of_possible_links(runaway) is runaway  # it has no link
+    assert pruned(runaway).members == (payload,)
 
 
 def test_deviations_of_joints_add_up_in_squares():
-    one, left = SimpleNamespace(fitted=None), np.array([[1.0, 0.5]])
+    left = np.array([[1.0, 0.5]])
     problem = SimpleNamespace(split=SimpleNamespace(fitted=left > 0), left=lambda _: left)
-    assert _in_errors(problem, one, np.array([[3.0, 2.0]])) == pytest.approx(3.0**2 + 4.0**2)
+    one = SimpleNamespace(problem=problem, fitted=None)
+    assert _in_errors(one, np.array([[3.0, 2.0]])) == pytest.approx(3.0**2 + 4.0**2)
 
 
 def test_what_sensors_add_is_left_by_the_simulation_of_a_fit(problem_of):
     problem, noise = problem_of(TorqueOffset(joint=1, offset=0.05))
     solution, rows = fitted(problem, (), noise), problem.split.fitted
     added = rmse(problem.sensed(solution.fitted), rows)
-    its = simulated(problem, solution) - problem.left_without_sensors(solution.fitted)
+    its = simulated(solution) - problem.left_without_sensors(solution.fitted)
     assert (rmse(its, rows) < 0.01 * added).all()
 
 
@@ -140,7 +141,7 @@ def test_lines_are_looked_for_beside_those_that_a_set_has(monkeypatch):
     monkeypatch.setattr(
         solving, "ripples", lambda _, left, lines: known.append((left, lines)) or ()
     )
-    solving._scanned(problem, SimpleNamespace(members=(0, 1, 2), fitted="left"))
+    solving._scanned(SimpleNamespace(problem=problem, members=(0, 1, 2), fitted="left"))
     assert known == [("left", {1: (7.0,)})]
 
 
@@ -151,8 +152,8 @@ def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
     problem, noise = laid_out(observed(*gains))
     links = tuple(place_of(problem, "link_inertia", joint) for joint in (2, 3, 4, 5))
     solution = fitted(problem, links, noise)
-    nearer, other = _Search(quiet, None).of_possible_links(problem, solution)
-    found = {nearer.candidates[i].place for i in other.members}
+    other = _Search(quiet, None).of_possible_links(solution)
+    found = {other.problem.candidates[i].place for i in other.members}
     assert found >= {("torque_gain", (1,)), ("torque_gain", (3,))}
     assert "link_inertia" not in {effect for effect, _ in found}
 
@@ -160,7 +161,7 @@ def test_links_that_would_be_no_bodies_give_way_to_what_can_be():
 def test_a_link_that_is_wrong_stays_where_it_can_be_what_it_says(carrying):
     problem, noise = carrying
     solution = fitted(problem, (place_of(problem, "link_inertia", 2),), noise)
-    assert _Search(quiet, None).of_possible_links(problem, solution) == (problem, solution)
+    assert _Search(quiet, None).of_possible_links(solution) is solution
 
 
 def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carrying):
@@ -169,7 +170,7 @@ def test_what_a_member_does_elsewhere_by_what_is_beside_it_is_not_its_own(carryi
     drag = place_of(problem, "spring_load", 1)
     solution = fitted(problem, tuple(sorted((payload, drag))), noise)
     floor = np.array([1e9, 1e-9])  # joint 2 would come first by far
-    assert acts_most(problem, solution, drag, floor) == 0
+    assert acts_most(solution, drag, floor) == 0
 
 
 @pytest.mark.slow("fits an arm of seven joints each")
@@ -179,15 +180,15 @@ def test_what_sensors_would_take_at_their_limit_is_no_idle_member(offset, stays)
     problem, noise = laid_out(observed(TorqueOffset(joint=3, offset=offset)))
     solution = fitted(problem, (place_of(problem, "torque_offset", 3),), noise)
     (member,) = solution.members
-    assert material(problem, solution, member) < CONTRIBUTION.material
-    assert pruned(problem, solution).members == ((member,) if stays else ())
+    assert error_removed(solution, member) < CONTRIBUTION.material
+    assert pruned(solution).members == ((member,) if stays else ())
 
 
 def test_of_two_that_predict_alike_the_simpler_stays(problem_of):
     problem, noise = problem_of(TorqueOffset(joint=1, offset=0.4))
     offset, spring = place_of(problem, "torque_offset", 1), place_of(problem, "spring_load", 1)
-    assert simplified(problem, fitted(problem, (spring,), noise)).members == (offset,)
-    assert simplified(problem, fitted(problem, (offset,), noise)).members == (offset,)
+    assert simplified(fitted(problem, (spring,), noise)).members == (offset,)
+    assert simplified(fitted(problem, (offset,), noise)).members == (offset,)
 
 
 def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range_takes_it(seen):
@@ -209,10 +210,11 @@ def test_stated_friction_that_is_but_sharper_goes_where_friction_along_the_range
     )
     along = place_of(problem, "position_dependent_friction", 1)
     both = fitted(problem, (sharper, along), noise)
-    less, one = _of_one_width(problem, both, quiet)
-    assert [less.candidates[i].effect for i in one.members] == ["position_dependent_friction"]
+    one = _of_one_width(both, quiet)
+    (kept,) = one.members
+    assert one.problem.candidates[kept].effect == "position_dependent_friction"
     alone = fitted(problem, (sharper,), noise)
-    assert _of_one_width(problem, alone, quiet) == (problem, alone)
+    assert _of_one_width(alone, quiet) is alone
 
 
 EVERY = np.ones((4, 2), dtype=bool)  # row of two joints
@@ -236,16 +238,16 @@ def test_friction_that_is_but_sharper_stays_where_a_joint_errs_clearly_more_with
     problem = SimpleNamespace(
         candidates=candidates, split=SimpleNamespace(fitted=EVERY), left=lambda fit: fit
     )
-    monkeypatch.setattr(settling, "refined", lambda problem, solution, _: (problem, solution))
+    monkeypatch.setattr(settling, "refined", lambda solution, _: solution)
     monkeypatch.setattr(
         settling,
         "fitted",
-        lambda _, members, noise: SimpleNamespace(
-            members=members, noise=noise, fitted=left[members]
+        lambda problem, members, noise: SimpleNamespace(
+            problem=problem, members=members, noise=noise, fitted=left[members]
         ),
     )
-    both = SimpleNamespace(members=(0, 1), noise=None)
-    assert _of_one_width(problem, both, quiet)[1].members == stay
+    both = SimpleNamespace(problem=problem, members=(0, 1), noise=None)
+    assert _of_one_width(both, quiet).members == stay
 
 
 @pytest.mark.parametrize("held_out", [True, False])
@@ -257,9 +259,10 @@ def test_fewer_do_as_well_where_no_joint_errs_clearly_more(monkeypatch, more, we
     monkeypatch.setattr(simplicity, "in_turn", lambda *_: (turns, EVERY))
     problem = SimpleNamespace(observed=SimpleNamespace(moving=EVERY), left=lambda fit: fit)
     some, fewer = (
-        SimpleNamespace(members=(), fitted=fit) for fit in (one, one if held_out else other)
+        SimpleNamespace(problem=problem, members=(), fitted=fit)
+        for fit in (one, one if held_out else other)
     )
-    assert simplicity._does_as_well(problem, some, fewer) is well
+    assert simplicity._does_as_well(some, fewer) is well
 
 
 def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike(problem_of):
@@ -269,14 +272,14 @@ def test_friction_of_one_joint_stays_where_that_of_two_coupled_predicts_alike(pr
         for i, item in enumerate(problem.candidates)
         if item.effect == "joint_coupling" and 0 in item.joints and item.prior.index.size > 1
     )
-    (kept,) = simplified(problem, fitted(problem, (coupling,), noise)).members
+    (kept,) = simplified(fitted(problem, (coupling,), noise)).members
     assert problem.candidates[kept].joints == (0,)
 
 
 def test_what_is_more_than_the_simpler_explains_keeps_its_name(problem_of):
     problem, noise = problem_of(SpringLoad(joint=1, stiffness=2.0, rest=0.3))
     knots = place_of(problem, "spring_load", 1)
-    (kept,) = simplified(problem, fitted(problem, (knots,), noise)).members
+    (kept,) = simplified(fitted(problem, (knots,), noise)).members
     assert problem.candidates[kept].effect == "spring_load"
 
 
@@ -295,7 +298,7 @@ def test_two_of_a_joint_give_way_to_one_that_does_as_well_and_stay_where_none_do
     )
     gain = place_of(problem, "torque_gain", 1)
     both = fitted(problem, (absolute, gain), noise)
-    assert simplified(problem, both).members == (negative,)
+    assert simplified(both).members == (negative,)
 
     more, noise = problem_of(pressed, spring)
     (linear,) = (
@@ -304,7 +307,7 @@ def test_two_of_a_joint_give_way_to_one_that_does_as_well_and_stay_where_none_do
         if item.place == (spring.name, (0,)) and isinstance(item.hypothesis.terms[1], TorqueOffset)
     )
     both = fitted(more, (negative, linear), noise)
-    assert {more.candidates[i].effect for i in simplified(more, both).members} == {
+    assert {more.candidates[i].effect for i in simplified(both).members} == {
         pressed.name,
         spring.name,
     }
@@ -314,9 +317,9 @@ def test_a_load_has_the_name_of_the_wrong_last_link_that_it_equals(carrying):
     problem, noise = carrying
     link, other = place_of(problem, "link_inertia", 2), place_of(problem, "link_inertia", 1)
     payload = place_of(problem, "payload", 2)
-    (named,) = loaded(problem, fitted(problem, (link,), noise)).members
+    (named,) = loaded(fitted(problem, (link,), noise)).members
     assert problem.candidates[named].place == problem.candidates[payload].place
-    assert loaded(problem, fitted(problem, (other,), noise)).members == (other,)
+    assert loaded(fitted(problem, (other,), noise)).members == (other,)
 
 
 def test_a_small_load_is_likelier_as_one_that_is_expected_to_be_small(problem_of):
@@ -331,7 +334,7 @@ def test_a_small_load_is_likelier_as_one_that_is_expected_to_be_small(problem_of
 def test_how_sharp_a_sign_is_makes_no_friction_simpler_than_another(problem_of):
     problem, noise = problem_of(CoulombFriction(joint=1, tau_c=0.5))
     coulomb = place_of(problem, "coulomb_friction", 1)
-    assert simplified(problem, fitted(problem, (coulomb,), noise)).members == (coulomb,)
+    assert simplified(fitted(problem, (coulomb,), noise)).members == (coulomb,)
 
 
 def test_friction_has_to_bring_nothing_to_be_believed_where_none_is_stated(seen, problem_of):
@@ -353,7 +356,7 @@ def test_a_last_link_that_lacks_mass_carries_no_load(seen):
     body = given.model.inertials["lower"].joined(BODY.load)
     problem, noise = laid_out(seen().under(replace(given, inertials={"lower": body})))
     lighter = fitted(problem, (place_of(problem, "link_inertia", 2),), noise)
-    assert loaded(problem, lighter) is lighter
+    assert loaded(lighter) is lighter
 
 
 @pytest.mark.parametrize(("stated", "suspicious"), [(12.7, False), (15.0, True)])
@@ -365,7 +368,7 @@ def test_a_value_is_suspicious_where_data_put_it_surely_beyond_its_tolerance(
     recorded = seen(ViscousFriction(joint=2, f_v=10.0))
     given = replace(recorded.simulation, effects=(rubbing,), tolerances=Tolerances(friction=0.1))
     problem, noise = laid_out(recorded.under(given))
-    found = suspects(problem, fitted(problem, (), noise), joints=())
+    found = suspects(fitted(problem, (), noise), joints=())
     assert found == ({("viscous_friction", (1,))} if suspicious else set())
 
 
@@ -388,6 +391,6 @@ def test_impacts_of_play_have_to_be_in_what_was_recorded_above_the_bandwidth(
         under=lambda _: fit, candidates=[SimpleNamespace(place=("backlash", (1,)))]
     )
 
-    silent = _not_recorded(problem, SimpleNamespace(members=(0,)))
+    silent = _not_recorded(SimpleNamespace(problem=problem, members=(0,)))
 
     assert silent == (set() if has_play else {("backlash", (1,))})

@@ -53,7 +53,7 @@ def spring_of(problem):
 
 
 def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(problem, noise):
-    found = explanations_of(problem, fitted(problem, (), noise), FLOOR)
+    found = explanations_of(fitted(problem, (), noise), FLOOR)
     (chosen,) = (item for item in found if item.note == CHOSEN)
     assert chosen.effects == ()
     assert chosen.share == pytest.approx(0.0, abs=1e-9)
@@ -62,7 +62,7 @@ def test_a_set_that_was_taken_back_keeps_its_share_and_nothing_is_no_share(probl
 
 
 def test_the_chosen_set_is_told_even_where_many_have_more_evidence(problem, noise):
-    found = explanations_of(problem, fitted(problem, (), noise), FLOOR, limit=3)
+    found = explanations_of(fitted(problem, (), noise), FLOOR, limit=3)
     assert len(found) == 3
     assert [item.log_evidence for item in found] == sorted(
         (item.log_evidence for item in found), reverse=True
@@ -76,7 +76,7 @@ def test_more_evidence_that_motion_held_out_denies_is_said_to(problem, noise):
         problem, target=np.where(problem.split.held_out, -problem.target, problem.target)
     )
     assert chosen.gain > 0
-    found = explanations_of(denied, fitted(denied, (), noise), FLOOR)
+    found = explanations_of(fitted(denied, (), noise), FLOOR)
     assert found[0].note == "does not hold on motion held out"
 
 
@@ -92,12 +92,12 @@ def test_more_evidence_that_takes_off_too_little_is_said_to(problem, noise, size
     nothing = fitted(problem, (), noise)
     kept = rmse(problem.left(nothing.fitted), problem.split.held_out)
     floor = np.full(2, kept.max() / (size * CONTRIBUTION.material))
-    assert explanations_of(problem, nothing, floor)[0].note == note
+    assert explanations_of(nothing, floor)[0].note == note
 
 
 def test_known_values_move_in_their_own_units(problem, noise):
     chosen = fitted(problem, (spring_of(problem),), noise)
-    (dry,) = (s for s in shifts_of(problem, chosen) if s.name.startswith("tau_c of joint 1 "))
+    (dry,) = (s for s in shifts_of(chosen) if s.name.startswith("tau_c of joint 1 "))
     assert (dry.nominal, dry.unit) == (1.0, "N m")
     assert dry.fitted == pytest.approx(1.1, abs=0.02)
     assert dry.sigmas == pytest.approx((dry.fitted - 1.0) / 0.15)
@@ -151,16 +151,16 @@ def test_errors_of_all_rows_have_those_near_rest(problem):
 
 def test_what_was_found_is_not_said_to_be_unobservable(problem, noise):
     remaining = RemainingResidual(1e-4 * FLOOR, 0 * FLOOR, 0 * problem.target)
-    nothing = {x.effect for x in not_observable(problem, fitted(problem, (), noise), remaining)}
+    nothing = {x.effect for x in not_observable(fitted(problem, (), noise), remaining)}
     assert "spring_load" in nothing  # of so low a floor all torques are many
     found = fitted(problem, (spring_of(problem),), noise)
-    beside = {x.effect for x in not_observable(problem, found, remaining)}
+    beside = {x.effect for x in not_observable(found, remaining)}
     assert beside == nothing - {"spring_load"}
 
 
 def test_what_no_tolerance_is_like_shows_as_soon_as_noise_allows(problem, noise):
     remaining = RemainingResidual(1e-4 * FLOOR, 0 * FLOOR, 0 * problem.target)
-    said = not_observable(problem, fitted(problem, (), noise), remaining)
+    said = not_observable(fitted(problem, (), noise), remaining)
     (drift,) = (item.reason for item in said if item.effect == "torque_drift")
     each = FLOOR / np.sqrt(problem.split.fitted.sum(axis=0))  # [N m], of what all rows have
     least = float(drift.removeprefix("less than ").split()[0])

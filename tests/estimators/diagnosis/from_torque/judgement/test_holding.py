@@ -30,7 +30,7 @@ def holds():
     recording = Recording.from_arrays(time, position, torque, source="creeps")
     problem = RegressionProblem.of(Observations.of(simulation, [recording], 10.0), quiet)
     white = Noise.independent(np.full(7, 0.1), problem.split.fitted)
-    return held_by(problem, fitted(problem, (), white))
+    return held_by(fitted(problem, (), white))
 
 
 def test_ranges_are_those_of_the_motion(holds):

@@ -77,8 +77,9 @@ def test_a_link_that_errs_in_several_ways_is_told_once():
     places += [("link_inertia", (1,)), ("viscous_friction", (1,)), ("link_inertia", (2,))]
     candidates = [SimpleNamespace(effect=effect, joints=joints) for effect, joints in places]
     search = SimpleNamespace(gain=lambda _members: 0.0)
-    solution = SimpleNamespace(search=search, members=(0,))
-    assert other_links(SimpleNamespace(candidates=candidates), solution, 0) == (1, 0)
+    problem = SimpleNamespace(candidates=candidates)
+    solution = SimpleNamespace(problem=problem, search=search, members=(0,))
+    assert other_links(solution, 0) == (1, 0)
 
 
 def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_beside_little():
@@ -88,11 +89,11 @@ def test_what_a_law_does_not_get_right_is_imprecision_beside_much_and_unknown_be
     problem.left = {"nothing": bare, "all": fitted}.get
     evidence = SimpleNamespace(posterior=lambda _prior: "nothing")
     search = SimpleNamespace(evidence=evidence, prior=lambda members: members)
-    solution = SimpleNamespace(search=search, fitted="all", members=())
+    solution = SimpleNamespace(problem=problem, search=search, fitted="all", members=())
     remaining = RemainingResidual(FLOOR, np.full(2, 0.06), fitted)
-    assert abstained(problem, solution, remaining) == ((), (1,))
+    assert abstained(solution, remaining) == ((), (1,))
     quiet = RemainingResidual(FLOOR, np.full(2, 0.04), fitted)
-    assert abstained(problem, solution, quiet) == ((), ())
+    assert abstained(solution, quiet) == ((), ())
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +107,7 @@ def sprung(rigid, training_recording):
     places = [candidate.place for candidate in problem.candidates]
     member = places.index((SpringLoad.name, (1,)))
     solution = fitted(problem, (member,), Noise.independent(FLOOR, problem.split.fitted))
-    return problem, solution, contribution_of_all(problem, solution)[1]
+    return problem, solution, contribution_of_all(solution)[1]
 
 
 @pytest.mark.parametrize(
@@ -128,7 +129,7 @@ def test_a_name_is_kept_back_where_much_is_left_that_it_does_not_explain(
     left = np.sqrt(removed * (1.0 / explained - 1.0))
     floors = np.array([1.0, 1.2 * floor * left])
     remaining = RemainingResidual(floors, np.array([0.0, left]), 0.0 * problem.target)
-    stay, joints = abstained(problem, solution, remaining)
+    stay, joints = abstained(solution, remaining)
     assert stay == (solution.members if named else ())
     assert joints == ((1,) if unknown else ())
 
@@ -140,7 +141,7 @@ def test_a_name_is_kept_back_that_only_mends_what_moved_values_did(sprung, monke
     remaining = RemainingResidual(np.ones(2), np.zeros(2), left)
     for given, named in ((0.9 * left, ()), (2.0 * left, solution.members)):
         monkeypatch.setattr(judgement, "_given", lambda *_, given=given: given)
-        assert abstained(problem, solution, remaining) == (named, ())
+        assert abstained(solution, remaining) == (named, ())
 
 
 @pytest.mark.parametrize(
@@ -156,21 +157,21 @@ def test_a_name_is_kept_back_that_only_mends_what_moved_values_did(sprung, monke
 def test_a_slight_effect_is_but_a_part_of_what_nothing_explains_at_several_other_joints(
     monkeypatch, joints, unknown, size, part
 ):
-    monkeypatch.setattr(judgement, "material", lambda *_: size)
-    problem = problem_of("spring_load", joints)
-    assert judgement._is_part_of_more(problem, None, 0, unknown) == part
+    monkeypatch.setattr(judgement, "error_removed", lambda *_: size)
+    solution = SimpleNamespace(problem=problem_of("spring_load", joints))
+    assert judgement._is_part_of_more(solution, 0, unknown) == part
 
 
 def test_a_finding_is_told_by_what_it_removes_and_by_how_far_it_leads(sprung):
     problem, solution, _ = sprung
     (member,), after = solution.members, np.array([0.1, 0.2])
     remaining = RemainingResidual(FLOOR, 0 * FLOOR, 0 * problem.target)
-    (found,) = findings_of(problem, solution, (member,), remaining, 10 * FLOOR, after)
-    removed = contribution(problem, solution, member)
+    (found,) = findings_of(solution, (member,), remaining, 10 * FLOOR, after)
+    removed = contribution(solution, member)
     assert found.heldout_rmse.before == pytest.approx(np.sqrt(after**2 + removed))
     assert found.heldout_rmse.after == tuple(after)
-    same = equivalents(problem, solution, member)
-    assert found.signs["lead"] == margin(problem, solution, member, same)
+    same = equivalents(solution, member)
+    assert found.signs["lead"] == margin(solution, member, same)
 
 
 def test_the_best_of_each_place_that_brings_as_much_would_do_as_well():
@@ -179,8 +180,9 @@ def test_the_best_of_each_place_that_brings_as_much_would_do_as_well():
     evidence = [10.0, 7.0, 9.0, 9.5, 5.0, 12.0, 9.9, 11.0]  # [nat], beside what is taken
     candidates = [SimpleNamespace(place=place, own=k) for k, place in enumerate(places)]
     search = SimpleNamespace(gain=lambda members: evidence[members[-1]])
-    solution = SimpleNamespace(search=search, members=(5, 0))
-    found = equivalents(SimpleNamespace(candidates=candidates), solution, 0)
+    problem = SimpleNamespace(candidates=candidates)
+    solution = SimpleNamespace(problem=problem, search=search, members=(5, 0))
+    found = equivalents(solution, 0)
     assert [item.own for item in found] == [3, 2]
 
 
@@ -195,7 +197,8 @@ def test_a_name_leads_over_the_best_of_what_else_could_be_said(nothing, rival, l
     search = SimpleNamespace(gain=lambda members: evidence[tuple(members)])
     problem = SimpleNamespace(candidates=candidates, observed=SimpleNamespace(n=2))
     same = [candidates[2]]  # said beside it, as what does as well
-    assert margin(problem, SimpleNamespace(search=search, members=(0,)), 0, same) == lead
+    solution = SimpleNamespace(problem=problem, search=search, members=(0,))
+    assert margin(solution, 0, same) == lead
 
 
 @pytest.mark.parametrize(
@@ -217,17 +220,14 @@ def test_what_acts_on_the_whole_arm_is_named_beside_something_unknown_at_one_joi
     member = max(there, key=lambda i: fitted(problem, (i,), noise).gain)
     solution, floor = fitted(problem, (member,), noise), np.full(2, NOISE)
     if named:  # in squares of the noise floors
-        size = np.sqrt(contribution(problem, solution, member))
+        size = np.sqrt(contribution(solution, member))
         less, more = np.argsort(size)
         assert size[more] > 1.2 * size[less]
-        assert (
-            acts_most(problem, solution, member, size * np.where(size > size[less], 1.2, 1.0))
-            == less
-        )
-    most = acts_most(problem, solution, member, floor)
+        assert acts_most(solution, member, size * np.where(size > size[less], 1.2, 1.0)) == less
+    most = acts_most(solution, member, floor)
     predictable = np.where(np.arange(2) == most, 10.0, 0.0)  # [N m], of much more than is explained
     remaining = RemainingResidual(floor, predictable, 0.0 * problem.target)
-    assert abstained(problem, solution, remaining) == ((member,) if named else (), (most,))
+    assert abstained(solution, remaining) == ((member,) if named else (), (most,))
 
 
 def test_the_predictable_part_is_kept_as_a_series(rigid, training_recording):

@@ -43,7 +43,7 @@ def ordinary_of(places, n=7, stated=()):
         observed=SimpleNamespace(simulation=simulation), candidates=candidates
     )
     members = range(len(places))
-    return [places[i] for i in ordinary(problem, SimpleNamespace(members=members), members)]
+    return [places[i] for i in ordinary(SimpleNamespace(problem=problem, members=members), members)]
 
 
 def test_coulomb_friction_is_ordinary_wherever_none_is_stated():
@@ -84,7 +84,7 @@ def sized(tau_c, simulation):
     observed = SimpleNamespace(simulation=simulation)
     problem = SimpleNamespace(observed=observed, candidates=candidates, nuisance=nothing)
     fitted = SimpleNamespace(mean=np.array(tau_c))
-    return problem, SimpleNamespace(members=tuple(range(len(tau_c))), fitted=fitted)
+    return SimpleNamespace(problem=problem, members=tuple(range(len(tau_c))), fitted=fitted)
 
 
 USUAL = np.array([2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35])  # [N m], of drives of 320 to 40 N m
@@ -92,21 +92,19 @@ USUAL = np.array([2.2, 2.4, 1.6, 1.7, 0.9, 0.45, 0.35])  # [N m], of drives of 3
 
 @pytest.mark.parametrize("joint", range(7))
 def test_a_joint_that_binds_is_unlike_its_siblings(joint):
-    problem, solution = sized(
-        np.where(np.arange(7) == joint, 8.0, 1.0) * USUAL, Simulation("iiwa14")
-    )
-    ((member, times),) = beyond_siblings(problem, solution).items()
+    solution = sized(np.where(np.arange(7) == joint, 8.0, 1.0) * USUAL, Simulation("iiwa14"))
+    ((member, times),) = beyond_siblings(solution).items()
     assert member == joint
     part = USUAL / Simulation("iiwa14").model.limits.torque
     assert times == pytest.approx(8.0 * part[joint] / np.delete(part, joint).max())
-    assert ordinary(problem, solution, solution.members) == tuple(j for j in range(7) if j != joint)
+    assert ordinary(solution, solution.members) == tuple(j for j in range(7) if j != joint)
 
 
 @pytest.mark.parametrize("limit", [0.0, np.inf])
 def test_a_joint_whose_drive_has_no_limit_is_like_its_siblings(limit):
     limits = SimpleNamespace(torque=np.array([320.0] * 6 + [limit]), velocity=np.ones(7))
     arm = SimpleNamespace(effects=(), model=SimpleNamespace(n=7, limits=limits))
-    assert beyond_siblings(*sized(np.where(np.arange(7) == 6, 300.0, USUAL), arm)) == {}
+    assert beyond_siblings(sized(np.where(np.arange(7) == 6, 300.0, USUAL), arm)) == {}
 
 
 @pytest.mark.parametrize(("width", "plain"), [(1e-4, True), (2.9e-4, True), (3.1e-4, False)])
@@ -114,20 +112,21 @@ def test_presliding_that_is_over_before_a_row_is_judged_is_plain_friction(width,
     """Rows from 3 mrad/s on are judged, in a band of 10 Hz."""
     slip = PreslidingHysteresis(joint=6, stiffness=(0.5 / width,), width=(width,))
     hypothesis = SimpleNamespace(effect=slip.name, realise=lambda _c: (slip,))
-    problem, solution = sized(USUAL, Simulation("iiwa14"))
+    solution = sized(USUAL, Simulation("iiwa14"))
+    problem = solution.problem
     problem.observed.bandwidth = 10.0
     index = SimpleNamespace(index=np.array([0]))
     problem.candidates[5] = SimpleNamespace(
         effect=slip.name, joints=(5,), hypothesis=hypothesis, prior=index
     )
-    assert (5 in ordinary(problem, solution, solution.members)) == plain
+    assert (5 in ordinary(solution, solution.members)) == plain
 
 
 def test_sizes_that_differ_from_drive_to_drive_are_no_more_than_that():
     iiwa = Simulation("iiwa14")
-    assert beyond_siblings(*sized(USUAL, iiwa)) == {}
-    assert beyond_siblings(*sized(np.array([0.3, 0.3, 0.2, 0.2, 1.3, 0.5, 0.5]), iiwa)) == {}
-    assert beyond_siblings(*sized(np.array([2.2, 120.0, 1.6]), iiwa)) == {}  # too few to compare
+    assert beyond_siblings(sized(USUAL, iiwa)) == {}
+    assert beyond_siblings(sized(np.array([0.3, 0.3, 0.2, 0.2, 1.3, 0.5, 0.5]), iiwa)) == {}
+    assert beyond_siblings(sized(np.array([2.2, 120.0, 1.6]), iiwa)) == {}  # too few to compare
 
 
 STATED = tuple(CoulombFriction(joint=j, tau_c=1.0) for j in range(1, 8))
@@ -160,8 +159,8 @@ def test_a_law_of_stated_friction_is_a_finding_if_sure_and_no_other_stands_for_i
     monkeypatch, places, unsure, change, values
 ):
     """Plain friction that stood for a law that was missing has a lower value beside it."""
-    monkeypatch.setattr(module, "convincing", lambda *given: given[2] not in unsure)
-    assert list(to_identify(*changed(monkeypatch, places, change))) == values
+    monkeypatch.setattr(module, "convincing", lambda _solution, member: member not in unsure)
+    assert list(to_identify(changed(monkeypatch, places, change))) == values
 
 
 def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
@@ -190,7 +189,7 @@ def changed(monkeypatch, places, change, within=0.0, *, other_width=False):
         first=None,
     )
     fit = SimpleNamespace(mean=np.array([-0.5, within, change]))
-    return problem, SimpleNamespace(members=range(len(places)), fitted=fit)
+    return SimpleNamespace(problem=problem, members=range(len(places)), fitted=fit)
 
 
 @pytest.mark.parametrize(
@@ -212,15 +211,15 @@ def test_of_two_laws_that_can_each_stand_for_the_other_the_likelier_is_sure(
     )
 
     def having(members):
-        likely = [effects[m] == "coulomb_friction" for m in members]
-        return SimpleNamespace(members=members, gain=float(sum(likely)), having=having)
+        gain = float(sum(effects[m] == "coulomb_friction" for m in members))
+        return SimpleNamespace(problem=problem, members=members, gain=gain, having=having)
 
-    def alone(_problem, solution, _member):
+    def alone(solution, _member):
         return len(solution.members) < len(effects)
 
     monkeypatch.setattr(module, "convincing", alone)
     members = tuple(range(len(effects)))
-    assert convinced(problem, having(members), members) == sure
+    assert convinced(having(members), members) == sure
 
 
 @pytest.mark.parametrize(
@@ -231,7 +230,7 @@ def test_friction_that_is_but_sharper_or_softer_is_a_value(monkeypatch, within, 
     """Three deviations of its tolerance are 45 %: a change beyond that is a finding."""
     monkeypatch.setattr(module, "convincing", lambda *_given: True)
     places = [("coulomb_friction", "wrong_parameter")]
-    found = to_identify(*changed(monkeypatch, places, change, within, other_width=True))
+    found = to_identify(changed(monkeypatch, places, change, within, other_width=True))
     assert list(found) == values
 
 
@@ -251,7 +250,7 @@ def test_little_more_of_a_stated_effect_is_a_value_of_it(arm, amplitude, detail)
     problem = problem.with_candidates([*problem.candidates, candidate])
     noise = Noise.independent(np.full(2, 0.02), problem.split.fitted)
     member = len(problem.candidates) - 1
-    found = to_identify(problem, fitted(problem, (member,), noise))
+    found = to_identify(fitted(problem, (member,), noise))
     assert found == ((member,) if detail else ())
 
 
@@ -264,4 +263,4 @@ def test_a_little_more_tilt_of_an_arm_that_is_known_to_hang_is_no_value_of_a_joi
         i for i, item in enumerate(problem.candidates) if item.effect == "gravity_direction"
     )
 
-    assert to_identify(problem, fitted(problem, (member,), noise)) == ()
+    assert to_identify(fitted(problem, (member,), noise)) == ()

@@ -59,7 +59,7 @@ def answers(arm: Path, *effects: Effect, not_held_out: int | None = None) -> tup
         if any(candidate.place == (effect.name, (0,)) for effect in effects)
     ]
     noise = Noise.of(0.02 * _white(problem), problem.split.fitted, problem.observed.segment)
-    return ask(problem, fitted(problem, tuple(named[:1]), noise))
+    return ask(fitted(problem, tuple(named[:1]), noise))
 
 
 def _white(problem: RegressionProblem) -> np.ndarray:

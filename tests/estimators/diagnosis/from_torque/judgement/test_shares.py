@@ -45,22 +45,22 @@ def test_values_inside_tolerances_take_their_part_before_any_share(problem):
     (spring,) = members_of(problem, ("spring_load", (1,)))
     solution = solved(problem, (spring,))
     before = rmse(problem.observed.residual, problem.split.held_out)
-    alone = rmse(left_by_tolerances(problem, solution), problem.split.held_out)
+    alone = rmse(left_by_tolerances(solution), problem.split.held_out)
     after = rmse(problem.left(solution.fitted), problem.split.held_out)
     assert alone[0] < 0.1 * before[0]  # the friction of joint 1 is inside its tolerance
-    assert shares_of(problem, solution, alone, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
+    assert shares_of(solution, alone, after, FLOOR)[spring] == pytest.approx(1.0, abs=0.03)
 
 
 def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(problem):
     members = members_of(problem, ("spring_load", (1,)), ("torque_offset", (1,)))
     solution = solved(problem, members)
-    alone = rmse(left_by_tolerances(problem, solution), problem.split.held_out)
+    alone = rmse(left_by_tolerances(solution), problem.split.held_out)
     after = 0.2 * alone
-    shares = shares_of(problem, solution, alone, after, FLOOR)
+    shares = shares_of(solution, alone, after, FLOOR)
     taken = reducible_removed(alone, after, FLOOR)
     assert 0.9 < taken < 1.0
     assert sum(shares.values()) == pytest.approx(taken, rel=1e-9)
-    parts = [max(contribution(problem, solution, member).sum(), 0.0) for member in members]
+    parts = [max(contribution(solution, member).sum(), 0.0) for member in members]
     wanted = [taken * part / sum(parts) for part in parts]
     assert [shares[member] for member in members] == pytest.approx(wanted, rel=1e-9)
 
@@ -68,7 +68,7 @@ def test_shares_of_effects_that_overlap_add_up_to_what_the_set_takes(problem):
 def test_what_predicts_worse_has_no_share(problem):
     members = members_of(problem, ("spring_load", (1,)))
     solution, nothing = solved(problem, members), np.array([0.3, 0.5])
-    assert shares_of(problem, solution, nothing, 1.1 * nothing, FLOOR) == {members[0]: 0.0}
+    assert shares_of(solution, nothing, 1.1 * nothing, FLOOR) == {members[0]: 0.0}
 
 
 def test_what_is_taken_and_what_stays_add_up():

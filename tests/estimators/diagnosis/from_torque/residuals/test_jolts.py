@@ -11,7 +11,7 @@ from estimators.diagnosis.from_torque.residuals.jolts import jolts_note as note
 from estimators.diagnosis.from_torque.residuals.pushes import covered, pushes
 from estimators.diagnosis.from_torque.residuals.reversals import steadily_moving
 from estimators.diagnosis.settings import OUTLYING
-from estimators.diagnosis.settings.afterwards import WORDING
+from estimators.diagnosis.settings.judgement import WORDING
 
 
 def rung(residual, time, at, joints, size=1.0):

@@ -531,9 +531,9 @@ def test_an_explanation_out_of_range_is_left_out_and_told():
         candidates=[offset],
     )
     found = SimpleNamespace(mean=1.5 * np.eye(bodies + 1)[-1], covariance=np.eye(bodies + 1))
-    solution = SimpleNamespace(members=(0,), fitted=found)
-    assert impossible(problem, solution) == (0,)
-    assert improve(problem, solution) == GIVEN
+    solution = SimpleNamespace(problem=problem, members=(0,), fitted=found)
+    assert impossible(solution) == (0,)
+    assert improve(solution) == GIVEN
 
 
 @pytest.fixture
