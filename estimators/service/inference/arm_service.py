@@ -32,6 +32,7 @@ from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
+    from estimators.embedded.contact import ShownMotion
     from estimators.service.inference.inbox import NetworkOutlet
     from limo_driver.types import FloatArray
 
@@ -74,6 +75,7 @@ class ArmService:
         self, arm: ServedArm, fallback: LiveModel, watchdog: ContactWatchdog, outlet: NetworkOutlet
     ) -> None:
         self.arm, self.watchdog = arm, watchdog
+        self.shown: ShownMotion | None = None  # by free motion; if given, contacts are told there
         self._outlet = outlet
         n = len(arm.joint_names)
         self.history = History(n, round(arm.history * arm.rate))
@@ -250,12 +252,16 @@ class ArmService:
         self.history.append(now, state.position, torque)
         unsure = np.where(self._unturned, np.nan, np.where(answer.outside, SURE * answer.std, 0.0))
         felt = answer.external - np.clip(answer.external, -unsure, unsure)
+        inside = np.where(answer.outside, np.nan, answer.external)
+        if self.shown is not None:
+            unlike = ~self.shown.step(now, state.position, answer.torque)
+            inside[unlike] = np.nan
+            felt[unlike & ~self.watchdog.active] = np.nan  # what has begun ends by its torque
         for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
-        inside = np.where(answer.outside, np.nan, answer.external)
         if self._report.step(now, inside, answer.std, known=known):
             self._tell_contacts(now)
-            free = known & ~self.watchdog.active
+            free = known & ~self.watchdog.active & np.isfinite(inside)
             given = answer.external, answer.std, free, state.position
             for line in self._changes.step(now, *given):
                 self._outlet.event("changed", line, Level.WARN)
@@ -317,6 +323,8 @@ class ArmService:
         self.history.restart()
         self.model.state = self.model.stream.init()
         self._cut_contacts_off()
+        if self.shown is not None:
+            self.shown.restart()
         self._lowest.fill(np.inf)
         self._highest.fill(-np.inf)
         self._unturned, self._all_turned = np.ones_like(self._unturned), False
