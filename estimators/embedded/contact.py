@@ -12,11 +12,11 @@ for each joint, of which it has the n-th part of what is bearable. Errors at cre
 travel, so that each has a tail of its own, and the larger level holds: a motion may be all of one
 kind. Where free motion showed no such speed, acceleration or torque, nobody knows how wrong the
 model is, and what there is of external torque is not called a contact. Nor while the filter
-remembers a jolt, a change of velocity between states that free motion did not have at any joint: as
-where commands were lost, and the arm stopped and caught up between two of the states that tell of
-its torque. A model that knows no
-errors, as a simulation alone, is given the RMS of those on that motion. Without any, no code of
-contact is written: errors peak at reversals, far beyond what normal ones of the same size do.
+remembers a jolt, a change of velocity between states beyond twice those of free motion: as where
+commands were lost, and the arm stopped and caught up between two of the states that tell of its
+torque. A model that knows no errors, as a simulation alone, is given the RMS of those on that
+motion. Without any, no code of contact is written: errors peak at reversals, far beyond what normal
+ones of the same size do.
 
 Source: Coles, "An Introduction to Statistical Modeling of Extreme Values", 2001, ch. 4 and 5
 (peaks over thresholds, declustering); the predictive tail with a vague prior of b.
@@ -53,6 +53,7 @@ _PART: Final = 0.1  # of all peaks, that are tail
 SLOW: Final = 0.03  # [rad/s], below which a joint creeps
 _BLOCK: Final = 5.0  # [s] of motion, in which errors are not independent
 _BLOCKS: Final = 5  # that a tail is known from
+_JOLT: Final = 2.0  # times the largest bend of free motion; smooth motion is judged joint by joint
 _GAP: Final = 1.5  # [periods] from one state of free motion to the next, that is one or more lost
 _KINDS: Final = (f"below {SLOW:g} rad/s", f"above {SLOW:g} rad/s")
 
@@ -255,6 +256,7 @@ def measured_contact(
         level[j], worst = max(known, key=lambda pair: pair[0])
         rates += _HOUR * worst.rates(level[j])
     covered = np.stack([part(motion[counts.any(axis=1)], axis=0) for part in (np.min, np.max)])
+    covered[1, :, 3] *= _JOLT
     return ContactThresholds(level, rms, false_alarms, seconds.min(), rates, speeds, covered)
 
 

@@ -297,7 +297,7 @@ static bool shown(int j, double velocity, double acceleration, double torque)
     return free_speeds[j][fabs(velocity) < SLOW ? 0 : 1] > 0.0;
 }
 
-/* Whether any joint changed its velocity between the newest positions as it never did in free motion:
+/* Whether any joint changed its velocity between the newest positions far more than in free motion:
  * what such a jolt takes is not in torques that are measured now and then. */
 static bool jolted(const limo_state *state)
 {
