@@ -27,8 +27,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 
-ROOT = Path(__file__).parents[2]
-sys.path[:0] = [str(ROOT / "tests" / "concealed"), str(ROOT / "benchmarks" / "diagnosis")]
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "concealed"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "diagnosis"))
 
 import arm as arm_
 import lifelike
@@ -42,11 +42,11 @@ from limo_driver.errors import LimoError
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from limo_driver.types import FloatArray
 
-DATA = Path(os.environ.get("LIMO_DATA", ROOT.parent / "shared" / "data"))
+DATA = Path(os.environ.get("LIMO_DATA", Path(__file__).parents[2] / ".." / "shared" / "data"))
 RATE, SECONDS = 250.0, 60.0  # [Hz], [s] of a motion
 ALARMS = 1.0  # [1/h], asked for
 APART = 0.2  # [s] between beginnings of two alarms
@@ -87,9 +87,7 @@ class Judged:
     def run(self, moved: Recording, torque: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return thresholds and flags, (T, n) each."""
         rows = np.column_stack([moved.time, moved.position, torque])
-        done = subprocess.run(
-            [self.program], input=rows.tobytes(), capture_output=True, check=True
-        )
+        done = subprocess.run([self.program], input=rows.tobytes(), capture_output=True, check=True)
         found = np.frombuffer(done.stdout).reshape(len(rows), 3, moved.n)
         return found[:, 1], found[:, 2]
 
@@ -140,8 +138,8 @@ def measured(
             return late
         levels = [judged.judge(moved, own) for moved in others]
         for moved, level in zip(others, levels, strict=True):
-            for found, size in zip(late, SIZES, strict=True):
-                found += judged.push(moved, level, size, random)
+            for k, size in enumerate(SIZES):
+                late[k] += judged.push(moved, level, size, random)
     contact = judged.export.contact
     assert contact is not None
     low, high = contact.rates
@@ -202,8 +200,7 @@ def of_concealed(first: int, arms: int, count: int, *, alone: bool) -> None:
         free = [own.mixed() for _ in range(8)]
         others = [own.mixed() for _ in range(count)]
         found = measured(f"concealed {seed}", model, free, others, total, own.random)
-        for all_, more in zip(late, found, strict=True):
-            all_ += more
+        late = [one + more for one, more in zip(late, found, strict=True)]
     total.show("all")
     told(late)
 
@@ -212,18 +209,15 @@ def of_real(*, alone: bool) -> None:
     """Print the figures of real arms, each motion judged in turn."""
     from real_recordings import at_rate, panda_urdf
 
-    ur = [
-        f"ur10e/unloaded_{name}.parquet" for name in ("14harm", "15harm", "20_01_31")
-    ] + ["ur10e/unloaded_point_to_point.parquet"]
-    lwr = [f"kuka_lwr4/measurements_{run}.parquet" for run in (1, 2, 3)]
-    loaded: Callable[[list[str]], list[Recording]] = lambda names: [
-        Recording.load(DATA / name) for name in names
+    ur = [f"ur10e/unloaded_{name}.parquet" for name in ("14harm", "15harm", "20_01_31")] + [
+        "ur10e/unloaded_point_to_point.parquet"
     ]
+    lwr = [f"kuka_lwr4/measurements_{run}.parquet" for run in (1, 2, 3)]
     panda = at_rate(Recording.load(DATA / "panda/exciting_trajectory.parquet"), 500.0)
     thirds = [panda[k * len(panda) // 3 : (k + 1) * len(panda) // 3] for k in range(3)]
     cases = {
-        "UR10e": (DATA / "ur10e/ur10e.urdf", loaded(ur)),
-        "LWR4+": (DATA / "kuka_lwr4/kuka_lwr4.urdf", loaded(lwr)),
+        "UR10e": (DATA / "ur10e/ur10e.urdf", [Recording.load(DATA / name) for name in ur]),
+        "LWR4+": (DATA / "kuka_lwr4/kuka_lwr4.urdf", [Recording.load(DATA / name) for name in lwr]),
         "Panda": (panda_urdf(), thirds),
     }
     random = np.random.default_rng(0)
@@ -235,8 +229,7 @@ def of_real(*, alone: bool) -> None:
             model = simulation if alone else limo.train(simulation, rest[:1], "joint-physics")
             title = f"{name} {Path(judged.source or str(k + 1)).stem}"
             found = measured(title, model, rest[1:], [judged], total, random)
-            for all_, more in zip(late, found, strict=True):
-                all_ += more
+            late = [one + more for one, more in zip(late, found, strict=True)]
     total.show("all")
     told(late)
 

@@ -32,7 +32,6 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from limo_driver.errors import ConfigError, RecordingError
-from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,60 +132,32 @@ class ShownMotion:
     """
 
     def __init__(self, thresholds: ContactThresholds, stream: Stream) -> None:
-        self._covered, self._speeds = thresholds.covered, thresholds.speeds
-        self._filter, self._lasts = stream.differentiator, 2 * stream.samples + 1
+        self._filter, self._memory = stream.differentiator, 2 * stream.samples + 1  # samples
+        self._least, self._most = thresholds.covered[..., :3]
         self._jolts = thresholds.covered[1, :, 3] / stream.rate**2  # [rad]
-        self.restart()
-        still = np.zeros(stream.n)
-        self.step(0.0, still, still)  # compiles
-        self.restart()
-
-    def restart(self) -> None:
-        """Begin anew, as after a long gap."""
-        n = self._speeds.shape[0]
-        self._line = self._filter.init(n)
-        self._unlike = np.zeros(n, dtype=np.int64)  # samples for which it counts as unlike
+        self._slow, self._fast = thresholds.speeds.T
+        self._line = self._filter.init(stream.n)
+        self._unlike = np.zeros(stream.n, dtype=np.int64)  # samples for which it counts as unlike
 
     def step(self, time: float, position: FloatArray, torque: FloatArray) -> NDArray[np.bool_]:
         """Take the next state; return which joints move as they did in free motion, (n,).
 
         Args:
-            time: Of the position [s].
+            time: Of the position [s]; after a long gap, or set back, all begins anew.
             position: (n,) [rad].
             torque: That the model needs, (n,) [N m], as late as it is.
         """
+        if self._filter.gap(self._line, time) or time <= self._line.time:
+            self._line, self._unlike = self._filter.init(position.size), 0 * self._unlike
         moved = np.array([time]), np.asarray(position)[None]
         values, self._line = self._filter.filter(self._line, *moved)
-        now = values[1, 0], values[2, 0], torque, self._line.positions
-        _count(*now, self._covered, self._speeds, self._jolts, self._unlike, self._lasts)
+        now = np.stack([values[1, 0], values[2, 0], torque], axis=-1)
+        shown = ((self._least <= now) & (now <= self._most)).all(axis=1)
+        shown &= np.where(abs(now[:, 0]) < SLOW, self._slow, self._fast)
+        jolted = abs(np.diff(self._line.positions[:, -3:], 2)[:, 0]) > self._jolts
+        shown &= not jolted.any()  # of none, since joints move each other
+        self._unlike = np.where(shown, np.maximum(self._unlike - 1, 0), self._memory)
         return self._unlike == 0
-
-
-@compiled(reads=("velocity", "acceleration", "torque", "covered", "speeds", "jolts"))
-def _count(
-    velocity: FloatArray,
-    acceleration: FloatArray,
-    torque: FloatArray,
-    line: FloatArray,
-    covered: FloatArray,
-    speeds: NDArray[np.bool_],
-    jolts: FloatArray,
-    unlike: NDArray[np.int64],
-    lasts: int,
-) -> None:
-    """Count down for how many samples each joint is unlike free motion, or begin again."""
-    jolted = False  # all are then, since joints move each other
-    for j in range(unlike.size):
-        bend = line[j, -1] - 2.0 * line[j, -2] + line[j, -3]
-        jolted = jolted or abs(bend) > jolts[j]
-    for j in range(unlike.size):
-        unlike[j] = max(unlike[j] - 1, 0)
-        shown = speeds[j, 0 if abs(velocity[j]) < SLOW else 1]
-        shown = shown and covered[0, j, 0] <= velocity[j] <= covered[1, j, 0]
-        shown = shown and covered[0, j, 1] <= acceleration[j] <= covered[1, j, 1]
-        shown = shown and covered[0, j, 2] <= torque[j] <= covered[1, j, 2]
-        if jolted or not shown:
-            unlike[j] = lasts
 
 
 def measured_contact(

@@ -36,7 +36,7 @@ class ServiceSettings(Declared):
         contact_torque: External torque that is a contact [N m]; one value, or one for each joint.
         contact_duration: For which it has to last [s]; likewise.
         free: What `contact_thresholds` found of free motion, instead of `contact_torque`; contacts
-            are told only in motion that it showed the like of.
+            begin only in motion that it showed the like of.
 
     Raises:
         ConfigError: A value is not above 0.

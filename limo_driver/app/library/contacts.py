@@ -108,7 +108,7 @@ def contact_thresholds(
 
     As `free` of `ServiceSettings`, for a service of the same model, rate and delay. One that asks a
     contact to last has fewer false alarms. Where free motion showed no such speed, acceleration or
-    torque, no contact is told.
+    torque, none begins.
 
     Args:
         model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.

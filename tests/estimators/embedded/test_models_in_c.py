@@ -268,8 +268,6 @@ def test_free_motion_shows_the_same_in_c_and_python(
     late, _ = stream.advance(stream.init(), kept_time, position, torque)
     watch, shown = ShownMotion(thresholds, stream), []
     for k, now in enumerate(kept_time):
-        if k == 4000:
-            watch.restart()
         shown.append(watch.step(now, position[k], late.torque[k]))
     both = [position[:4000], position[4000:]]  # in C, friction has to be known, too
     turned = [np.maximum.accumulate(p) - np.minimum.accumulate(p) >= TURNED for p in both]

@@ -114,7 +114,9 @@ def test_lost_commands_are_no_contact_and_a_push_is(tmp_path: Path) -> None:
     assert late.measured is not None
     felt = late.measured - late.torque
     during = (run.time - run.time[0] > 0.5) & (run.time - run.time[0] < PUSHED - 1.0)
-    assert [c for t, e in zip(run.time[during], felt[during], strict=True) for c in alone.step(t, e)]
+    assert [
+        c for t, e in zip(run.time[during], felt[during], strict=True) for c in alone.step(t, e)
+    ]
     # which is nothing that is told
     contacts = [facts for kind, facts in told if kind == "contact"]
     assert [facts["joint"] for facts in contacts] == [2]
