@@ -20,6 +20,7 @@ import numpy as np
 import limo_driver as limo
 from backends.can import ArmConfig
 from backends.can.simulator import SimulatedDrives
+from limo_driver.errors import HoldingError
 
 HERE = Path(__file__).parent
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
@@ -69,4 +70,8 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    try:
+        main()
+    except HoldingError as error:
+        again = "run it again, and where this program came late, with less beside it"
+        raise SystemExit(f"the arm holds ({error.reason}); {again}") from None

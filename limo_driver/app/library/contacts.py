@@ -17,6 +17,7 @@ from limo_driver.recordings.bandwidth import bandwidth_for
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from estimators.embedded.contact import ContactThresholds
     from estimators.residual_model import ResidualModel
     from limo_driver.recordings.recording import Recording
 
@@ -102,11 +103,12 @@ def contact_thresholds(
     *,
     false_alarms: float = 1.0,
     delay: float = 0.1,
-) -> tuple[float, ...]:
-    """Return the external torque that error alone passes as seldom as wanted, by joint [N m].
+) -> ContactThresholds:
+    """Return the external torque that error alone passes as seldom as wanted: `torque` [N m].
 
-    As `contact_torque` of `ServiceSettings`, for a service of the same model, rate and delay. One
-    that asks a contact to last has fewer false alarms.
+    As `free` of `ServiceSettings`, for a service of the same model, rate and delay. One that asks a
+    contact to last has fewer false alarms. Where free motion showed no such speed, acceleration or
+    torque, none begins.
 
     Args:
         model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.
@@ -122,7 +124,7 @@ def contact_thresholds(
 
     Example:
         >>> levels = limo.contact_thresholds("model/", "air.parquet", false_alarms=1.0)
-        >>> settings = limo.ServiceSettings(contact_torque=levels)
+        >>> settings = limo.ServiceSettings(free=levels)
     """
     from estimators.embedded.contact import measured_contact
     from estimators.stream import Stream
@@ -130,5 +132,4 @@ def contact_thresholds(
     recordings = recordings_of(free)
     known, simulation = estimator_of(model)
     stream = Stream(known, recordings[0].rate, delay)
-    found = measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
-    return tuple((found.level * found.error).tolist())
+    return measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)

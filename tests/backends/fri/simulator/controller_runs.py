@@ -44,7 +44,8 @@ class InStep(Pace):
         self._robot = robot
 
     def wait(self) -> int:
-        over = self._robot._session.state is SessionState.IDLE  # in which nobody answers
+        idle = self._robot._session.state is SessionState.IDLE  # in which nobody answers
+        over = idle or self._robot._ends < self._robot._time + 1.0
         select.select([self._robot._port._socket], [], [], 0.01 if over else 10.0)
         return 0
 
