@@ -112,11 +112,16 @@ class GainLimits:
         gains: tuple[FloatArray, FloatArray, FloatArray],
         away: FloatArray,
         velocity: FloatArray,
+        carried: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the torque that an impedance has, as far as a drive can make it, (n,) [N m]."""
+        """Return the torque that an impedance has, as far as a drive can make it, (n,) [N m].
+
+        That is less by what is carried beside it; see `follow`.
+        """
         stiffness, damping, torque = gains
-        most = self._bounds[0]
-        return np.clip(stiffness * away - damping * velocity + torque, -most, most)
+        most, added = self._bounds[0], self._none if carried is None else carried
+        total = stiffness * away - damping * velocity + torque
+        return np.clip(total, -most - added, most - added)
 
 
 @compiled(reads=("target", "effort"))
