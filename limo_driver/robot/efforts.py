@@ -182,7 +182,7 @@ def _follow_gains(
         if k != stiffness[j] or d != damping[j]:
             hit |= GAIN_RATE
         low, high = -most - carried[j], most - carried[j]
-        spring, kept = k0 * e - d0 * v, min(max(t0, low), high)
+        spring, kept = k0 * other[j] - d0 * v, min(max(t0, low), high)
         if kept != t0:
             # More than a drive can be told, as where a spring begins anew: the same torque comes
             # from less stiffness and damping.

@@ -146,14 +146,14 @@ class OutputStage:
             return self._rigid(last, pose, position, velocity, goal, begun), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
-        gravity, wrench, hit = self._carried(last), last.wrench, 0
-        if isinstance(command, TorqueCommand):
-            if self._gains is not None and last.stiffness is not self._zero:
-                return self._slackened(command, last, pose, gravity)
-            effort = self._shifted(self._effort(last, pose), last, gravity)
+        torqued, gravity = isinstance(command, TorqueCommand), self._carried(last)
+        if torqued and self._gains is not None and last.stiffness is not self._zero:
+            return self._slackened(command, last, pose, gravity)
+        effort, wrench, hit = self._shifted(self._effort(last, pose), last, gravity), last.wrench, 0
+        if torqued:
             torque, hit = self._torques.follow(command.torque, effort, gravity)
         else:
-            torque = self._torques.fade(self._shifted(self._effort(last, pose), last, gravity))
+            torque = self._torques.fade(effort)
         if isinstance(command, WrenchCommand):
             wrench, hit = self._wrenches.follow(command.wrench, last.wrench)
         elif wrench is not _NO_WRENCH:
@@ -217,7 +217,7 @@ class OutputStage:
         if self._gains is not None:
             gravity = self._carried(last)
             away, speed = position - pose.position, pose.velocity - velocity
-            before = self._impedance(last, pose, gravity, stands=False)
+            before = self._impedance(last, gravity, 0.0)
             if not last.rigid:
                 before = self._moved(before, last, pose, gravity, away, speed)
             (stiffness, damping, torque), _ = self._impedances.follow(
@@ -242,7 +242,7 @@ class OutputStage:
         begun = self._begun(command.position, last, pose, ImpedanceCommand)
         position, velocity, hit = self._positions.follow(command.position, *begun)
         gravity = self._carried(last)
-        before, away = self._impedance(last, pose, gravity), position - pose.position
+        before, away = self._impedance(last, gravity), position - pose.position
         if last.mode is TorqueCommand and last.stiffness is not self._zero:
             before = self._moved(before, last, pose, gravity, away, pose.velocity)
         wanted = command.stiffness, command.damping, command.torque
@@ -265,31 +265,25 @@ class OutputStage:
         """
         zero = self._zero
         position, velocity = self._positions.brake(last.position, last.velocity, last.change)
-        change = velocity - last.velocity if self._smooth else None
-        before, away = self._impedance(last, pose, gravity), position - pose.position
+        before, away = self._impedance(last, gravity), position - pose.position
         wanted = zero, zero, command.torque
         (stiffness, damping, torque), hit = self._impedances.follow(
             wanted, before, away, pose.velocity, gravity, pose.apart
         )
         if not (stiffness.any() or damping.any()):
-            position, velocity, stiffness, damping, change = pose.position, zero, zero, zero, None
+            position, velocity, stiffness, damping = pose.position, zero, zero, zero
         return Setpoint(
             TorqueCommand, position, velocity, torque, stiffness, damping, last.wrench, gravity,
-            None, change,
+            change=velocity - last.velocity if self._smooth else None,
         ), hit  # fmt: skip
 
     def _impedance(
-        self, last: Setpoint, pose: Pose, gravity: FloatArray | None, *, stands: bool = True
+        self, last: Setpoint, gravity: FloatArray | None, slows: float = 1.0
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the impedance that drives have: none, apart from a torque, if they are rigid.
-
-        As if they were damped to a stand from now on, or else to go on as they do.
-        """
-        if last.mode is not ImpedanceCommand and self._gains is None:
-            return self._zero, self._zero, self._shifted(self._effort(last, pose), last, gravity)
+        """Return the impedance that drives have, as damped to a stand where that `slows` them."""
         torque = self._shifted(last.torque, last, gravity)
-        if stands and last.rigid:
-            torque = torque + last.damping * last.velocity
+        if last.rigid and last.damping is not self._zero:
+            torque = torque + slows * last.damping * last.velocity
         return last.stiffness, last.damping, torque
 
     def _moved(
@@ -301,7 +295,12 @@ class OutputStage:
         away: FloatArray,
         speed: FloatArray,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return an impedance as it is about another place: the spring moves, its torque stays."""
+        """Return an impedance as it is about another place: the spring moves, its torque stays.
+
+        Of an arm that may be in two places, that is the torque where it was, as the spring is.
+        """
+        if pose.apart is not None:
+            away, pose = away - pose.apart, pose._replace(position=pose.position + pose.apart)
         kept = before[0] * away - before[1] * speed
         effort = self._shifted(self._effort(last, pose), last, gravity)
         return before[0], before[1], effort - kept
