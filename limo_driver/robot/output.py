@@ -146,7 +146,8 @@ class OutputStage:
             return self._rigid(last, pose, position, velocity, goal, begun), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
-        torqued, gravity = isinstance(command, TorqueCommand), self._carried(last)
+        torqued = isinstance(command, TorqueCommand)
+        gravity = self._carried(last)
         if torqued and self._gains is not None and last.stiffness is not self._zero:
             return self._slackened(command, last, pose, gravity)
         effort, wrench, hit = self._shifted(self._effort(last, pose), last, gravity), last.wrench, 0
