@@ -35,9 +35,15 @@ def on_terminal(text: str) -> str:
     return text if text.isprintable() else "\n".join(map(in_line, text.split("\n")))
 
 
-def in_html(text: str) -> str:
+class Html(str):
+    """A piece of HTML, which a text becomes by `in_html` alone."""
+
+    __slots__ = ()
+
+
+def in_html(text: str) -> Html:
     """Return a text as it stands in HTML, between tags or in the quotes of an attribute."""
-    return escape(on_terminal(text))
+    return text if isinstance(text, Html) else Html(escape(on_terminal(text)))
 
 
 def in_xml(text: str) -> str:
