@@ -97,6 +97,14 @@ class ContactThresholds:
             "motion; not known at speeds, accelerations and torques that it did not show"
         )
 
+    def __len__(self) -> int:
+        """Return the number of joints: it is a sequence of its torques, as `contact_torque` is."""
+        return self.level.size
+
+    def __getitem__(self, j: int) -> float:
+        """Return the torque of a joint, numbered from 0 [N m]."""
+        return float(self.torque[j])
+
     def values(self) -> dict[str, object]:
         """Return the fields as JSON values."""
         return {

@@ -120,6 +120,7 @@ class TestThresholds:
         moved = limo.Recording.from_arrays(free.time, free.position + 0.3, free.torque)
         far = limo.contact_thresholds(model, moved).torque
         near = limo.contact_thresholds(model, free).torque
+        assert tuple(limo.contact_thresholds(model, free)) == tuple(near)
         assert min(far[1], far[3]) > 3.0  # gravity is another one there
         assert (near < 2.0).all()
 
