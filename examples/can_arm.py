@@ -20,7 +20,6 @@ import numpy as np
 import limo_driver as limo
 from backends.can import ArmConfig
 from backends.can.simulator import SimulatedDrives
-from limo_driver.errors import HoldingError
 
 HERE = Path(__file__).parent
 TRUTH = HERE / "iiwa14_hysteretic.yaml"
@@ -70,8 +69,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except HoldingError as error:
-        again = "run it again, and where this program came late, with less beside it"
-        raise SystemExit(f"the arm holds ({error.reason}); {again}") from None
+    main()

@@ -21,7 +21,6 @@ from backends.fri.simulator.connection.port import Address
 from backends.fri.simulator.controller import SimulatedController
 from backends.fri.simulator.scenario import ControllerScenario
 from backends.fri.simulator.session import ControllerSettings
-from limo_driver.errors import HoldingError
 from limo_driver.robot.interrupts import interrupts
 
 if TYPE_CHECKING:
@@ -81,8 +80,8 @@ def play() -> tuple[dict[str, Any], limo.Recording]:
         recording = limo.run("fri", swing(), link={"port": PORT}, record=OUT / "swing.parquet")
     finally:
         robot.terminate()  # SIGTERM, which ends its session in order
-        report = heard.recv()
-        robot.join()
+    report = heard.recv()
+    robot.join()
     return report, recording
 
 
@@ -122,8 +121,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except HoldingError as error:
-        again = "run it again, and where this program came late, with less beside it"
-        raise SystemExit(f"the arm holds ({error.reason}); {again}") from None
+    main()

@@ -180,7 +180,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except LimoError as error:
-        raise SystemExit(str(error)) from None
+    main()

@@ -35,15 +35,9 @@ def on_terminal(text: str) -> str:
     return text if text.isprintable() else "\n".join(map(in_line, text.split("\n")))
 
 
-class Html(str):
-    """A piece of HTML, which a text becomes by `in_html` alone."""
-
-    __slots__ = ()
-
-
-def in_html(text: str) -> Html:
+def in_html(text: str) -> str:
     """Return a text as it stands in HTML, between tags or in the quotes of an attribute."""
-    return text if isinstance(text, Html) else Html(escape(on_terminal(text)))
+    return escape(on_terminal(text))
 
 
 def in_xml(text: str) -> str:

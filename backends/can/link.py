@@ -85,7 +85,6 @@ class Link(ABC):
         self._gravity_at: tuple[FloatArray | None, FloatArray] = None, self.target
         self._started = True
         self.intruder = ""  # who else commands the drives, as it was heard; empty if nobody does
-        self.patience = math.inf  # until when an answer may be late [s], of the port's clock
         self.overslept = 0.0  # how late this program woke up for answers, in the last cycle [s]
 
     @property
@@ -242,7 +241,7 @@ class Link(ABC):
         """
         until = max(until, self.port.now() + SHORTEST_WAIT * self._period)
         if patient:
-            until = max(until, min(until + self._period, self.patience))
+            until += self._period
         self._hear(until, answered)
         now = self.port.now()
         self.overslept = max(now - until, 0.0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import time
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path  # the constructor's signature is read at run time
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,7 +16,7 @@ from limo_driver.errors import BackendError, ConfigError, ConnectionLostError
 from limo_driver.robot.output import Setpoint, instead
 from limo_driver.robot.realtime import LatencyHistogram, excuse
 from limo_driver.robot.robot import LISTENS, Robot
-from limo_driver.robot.safety import COMPLIANT_TIMEOUT, START_TOLERANCE, warm_up
+from limo_driver.robot.safety import START_TOLERANCE, warm_up
 from limo_driver.robot.setpoints import VELOCITY_TOLERANCE
 from limo_driver.types import FloatArray, JointCommand, JointState
 
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 # Of a period, after a cycle that began late: sooner, the next set-point would be a faster motion
 # than any that may be measured.
 SHORTEST_CYCLE: Final = 1.0 / VELOCITY_TOLERANCE
-LATE: Final = 1.0 - SHORTEST_CYCLE  # of a period, that the cycle after it may be too short
 ROUNDING: Final = 1e-6  # of a period
 REFUSED: Final = 0.02  # [s] for which a bus may take no set-point
 REFUSED_PERIODS: Final = 3  # or so many periods, if those are longer
@@ -92,7 +90,6 @@ class CanRobot(Robot):
         self._cycle = -1  # counts SYNCs, or what else starts a cycle
         self._slipped = 0.0  # time by which cycles came later than their grid, in all [s]
         self._stall = (0.0, -math.inf)  # how late this program came last [s], to which cycle
-        self._heard = 0.0  # when the last cycle began in which every drive was heard [s]
         self._silent = 0  # cycles in which not every drive was heard
 
     @classmethod
@@ -203,7 +200,6 @@ class CanRobot(Robot):
         if sample is None:
             self._silent += 1
             return None
-        self._heard = self._last
         temperature, drives = self._condition()
         return JointState.trusted(
             time=self._last - self._began,
@@ -215,21 +211,12 @@ class CanRobot(Robot):
             drives=drives,
         )
 
-    def _state_of(self, measured: JointState | None, timeout: float | None) -> JointState:
-        state = super()._state_of(measured, timeout)
-        if measured is not None:
-            return measured
-        # Late answers were waited for: what counts is when the next cycle may begin.
-        return replace(state, time=self._free - LATE * self.spec.period - self._began)
-
     def _run_cycle(self, timeout: float | None) -> DriveSample | None:
         """Let the set-points of this cycle count once it is due, and hear what drives measured."""
         if not self._listen_only:
             self._link.send()
         self._link.listen(self._due)
         now = self._port.now()
-        gives_way = self._enabled and not self._contract.present.rigid
-        self._link.patience = self._heard + COMPLIANT_TIMEOUT if gives_way else math.inf
         self.lateness.add(max(now - self._due, 0.0))
         self._late = now - max(self._due, self._free)  # waiting for answers is not being late
         self._advance_clock(now)
@@ -250,16 +237,11 @@ class CanRobot(Robot):
             return
         self._unfinished = effect
         self._refused_at = min(self._refused_at, self._port.now())
-        self._hold_after_refusal()
 
     def _note_end_of_refusal(self) -> None:
-        """Go on after set-points that have left late."""
-        self._hold_after_refusal()
-        self._unfinished, self._refused_at = None, math.inf
-
-    def _hold_after_refusal(self) -> None:
-        """Hold where the bus took no frame for long."""
+        """Go on after set-points that have left late; hold if that took long."""
         late = self._port.now() - self._refused_at
+        self._unfinished, self._refused_at = None, math.inf
         if late > max(REFUSED, REFUSED_PERIODS * self.spec.period):
             self.hold(f"{self._port.name} took no frame for {late:.3g} s")
 

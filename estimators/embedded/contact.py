@@ -11,12 +11,9 @@ distribution whose b is known from m stretches of motion with such peaks gives
 for each joint, of which it has the n-th part of what is bearable. Errors at creep are not those of
 travel, so that each has a tail of its own, and the larger level holds: a motion may be all of one
 kind. Where free motion showed no such speed, acceleration or torque, nobody knows how wrong the
-model is, and what there is of external torque is not called a contact. Nor while the filter
-remembers a jolt, a change of velocity between states beyond twice those of free motion: as where
-commands were lost, and the arm stopped and caught up between two of the states that tell of its
-torque. A model that knows no errors, as a simulation alone, is given the RMS of those on that
-motion. Without any, no code of contact is written: errors peak at reversals, far beyond what normal
-ones of the same size do.
+model is, and what there is of external torque is not called a contact. A model that knows no
+errors, as a simulation alone, is given the RMS of those on that motion. Without any, no code of
+contact is written: errors peak at reversals, far beyond what normal ones of the same size do.
 
 Source: Coles, "An Introduction to Statistical Modeling of Extreme Values", 2001, ch. 4 and 5
 (peaks over thresholds, declustering); the predictive tail with a vague prior of b.
@@ -52,8 +49,6 @@ _PART: Final = 0.1  # of all peaks, that are tail
 SLOW: Final = 0.03  # [rad/s], below which a joint creeps
 _BLOCK: Final = 5.0  # [s] of motion, in which errors are not independent
 _BLOCKS: Final = 5  # that a tail is known from
-_JOLT: Final = 2.0  # times the largest bend of free motion; smooth motion is judged joint by joint
-_GAP: Final = 1.5  # [periods] from one state of free motion to the next, that is one or more lost
 _KINDS: Final = (f"below {SLOW:g} rad/s", f"above {SLOW:g} rad/s")
 
 
@@ -86,7 +81,7 @@ class ContactThresholds:
     seconds: float  # of free motion, of the joint with the least that counts
     rates: FloatArray  # (2,) of the whole arm [1/h], 95 % interval
     speeds: NDArray[np.bool_]  # (n, 2), whether errors below and above `SLOW` are known
-    covered: FloatArray  # (2, n, 4) least and most of free motion [rad/s, rad/s², N m, rad/s²]
+    covered: FloatArray  # (2, n, 3) least and most [rad/s, rad/s², N m] of free motion
 
     def __str__(self) -> str:
         """Return the rate of false alarms, and what it is known from."""
@@ -96,14 +91,6 @@ class ContactThresholds:
             f"{alarms} an hour (95 %: {low:.1g} to {high:.1g}), from {self.seconds:.0f} s of free "
             "motion; not known at speeds, accelerations and torques that it did not show"
         )
-
-    def __len__(self) -> int:
-        """Return the number of joints: it is a sequence of its torques, as `contact_torque` is."""
-        return self.level.size
-
-    def __getitem__(self, j: int) -> float:
-        """Return the torque of a joint, numbered from 0 [N m]."""
-        return float(self.torque[j])
 
     def values(self) -> dict[str, object]:
         """Return the fields as JSON values."""
@@ -115,57 +102,15 @@ class ContactThresholds:
             "rates": self.rates.tolist(),
         }
 
-    @property
-    def torque(self) -> FloatArray:
-        """Thresholds of a model whose errors are those of free motion, (n,) [N m]; else NaN."""
-        return self.level * self.error
-
     def of_joint(self, j: int) -> str:
         """Return the threshold of a joint, numbered from 0."""
         level, error = self.level[j], self.error[j]
         torque = "" if np.isnan(error) else f", {level * error:.3g} N m"
-        slowest, fastest = self.covered[:, j, 0]
+        (slowest, _, _), (fastest, _, _) = self.covered[:, j]
         missing = [kind for kind, known in zip(_KINDS, self.speeds[j], strict=True) if not known]
         unknown = "".join(f"; not known {kind}" for kind in missing)
         shown = f"; shown from {slowest:.2g} to {fastest:.2g} rad/s{unknown}"
         return f"{level:.3g} standard deviations{torque}{shown}"
-
-
-class ShownMotion:
-    """Says of which joints free motion showed the like of the present motion, state by state.
-
-    Args:
-        thresholds: Of contact, from free motion.
-        stream: Whose states come.
-    """
-
-    def __init__(self, thresholds: ContactThresholds, stream: Stream) -> None:
-        self._filter, self._memory = stream.differentiator, 2 * stream.samples + 1  # samples
-        self._least, self._most = thresholds.covered[..., :3]
-        self._jolts = thresholds.covered[1, :, 3] / stream.rate**2  # [rad]
-        self._slow, self._fast = thresholds.speeds.T
-        self._line = self._filter.init(stream.n)
-        self._unlike = np.zeros(stream.n, dtype=np.int64)  # samples for which it counts as unlike
-
-    def step(self, time: float, position: FloatArray, torque: FloatArray) -> NDArray[np.bool_]:
-        """Take the next state; return which joints move as they did in free motion, (n,).
-
-        Args:
-            time: Of the position [s]; after a long gap, or set back, all begins anew.
-            position: (n,) [rad].
-            torque: That the model needs, (n,) [N m], as late as it is.
-        """
-        if self._filter.gap(self._line, time) or time <= self._line.time:
-            self._line, self._unlike = self._filter.init(position.size), 0 * self._unlike
-        moved = np.array([time]), np.asarray(position)[None]
-        values, self._line = self._filter.filter(self._line, *moved)
-        now = np.stack([values[1, 0], values[2, 0], torque], axis=-1)
-        shown = ((self._least <= now) & (now <= self._most)).all(axis=1)
-        shown &= np.where(abs(now[:, 0]) < SLOW, self._slow, self._fast)
-        jolted = abs(np.diff(self._line.positions[:, -3:], 2)[:, 0]) > self._jolts
-        shown &= not jolted.any()  # of none, since joints move each other
-        self._unlike = np.where(shown, np.maximum(self._unlike - 1, 0), self._memory)
-        return self._unlike == 0
 
 
 def measured_contact(
@@ -235,16 +180,15 @@ def measured_contact(
         level[j], worst = max(known, key=lambda pair: pair[0])
         rates += _HOUR * worst.rates(level[j])
     covered = np.stack([part(motion[counts.any(axis=1)], axis=0) for part in (np.min, np.max)])
-    covered[1, :, 3] *= _JOLT
     return ContactThresholds(level, rms, false_alarms, seconds.min(), rates, speeds, covered)
 
 
 def _free(
     stream: Stream, recording: Recording, *, everywhere: bool
 ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_], FloatArray]:
-    """Return errors, their standard deviation, which count, and the motion, (T, n) and (T, n, 4).
+    """Return errors, their standard deviation, which count, and the motion, (T, n) and (T, n, 3).
 
-    The last are velocity, acceleration, the torque that they take, and jolts.
+    The last are velocity, acceleration and torque of the simulation.
     """
     recording.check_torque()
     stream.check_rate(recording)
@@ -252,12 +196,10 @@ def _free(
     filtering = stream.differentiator
     values, _ = filtering.filter(filtering.init(stream.n), recording.time, recording.position)
     usable = np.ones_like(late.outside) if everywhere else ~late.outside
-    gaps = np.flatnonzero(np.abs(np.diff(recording.time)) > _GAP / stream.rate) + 1
-    for start in (0, *gaps):  # where states were lost, an arm may have jerked, too
+    gaps = np.flatnonzero(np.abs(np.diff(recording.time)) > stream.longest_step) + 1
+    for start in (0, *gaps):
         usable[start : start + 2 * stream.samples] = False  # the filter fills
-    jolts = np.zeros_like(late.torque)  # changes of velocity between states, as accelerations
-    jolts[2:] = stream.rate**2 * np.abs(np.diff(recording.position, 2, axis=0))
-    motion = np.stack([values[1], values[2], late.torque, jolts], axis=-1)
+    motion = np.stack([values[1], values[2], late.simulation], axis=-1)
     return np.asarray(late.measured) - late.torque, late.std, usable, motion
 
 

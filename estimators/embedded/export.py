@@ -269,7 +269,7 @@ class _Code:
     def _contact(self) -> str:
         if self.contact is None:
             return ""
-        contact, unlike = self.contact, 2 * self.stream.samples + 1
+        contact, unlike = self.contact, 2 * self.stream.samples
         return (
             table("free_error", contact.error)
             + table("contact_above", contact.level)

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple, Protocol
 import numpy as np
 
 from estimators.embedded.compiled_stream import fastest
-from estimators.embedded.contact import ShownMotion
 from estimators.residual_model import SimulationOnly
 from estimators.service.inference.arm_service import ArmService, ServedArm
 from estimators.service.inference.contact import ContactReport, ContactWatchdog
@@ -104,8 +103,6 @@ class Opening:
             self._outlet,
         )
         service.model = self._first_model(service)
-        if settings.free is not None:
-            service.shown = ShownMotion(settings.free, service.model.stream)
         return service
 
     def loaded(self, version: str, arm: ServedArm) -> LiveModel:

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from limo_driver.errors import ConfigError
 from limo_driver.runtime.parameters import Declared, parameter
 from limo_driver.types import FloatArray, JointLimits
-
-if TYPE_CHECKING:
-    from estimators.embedded.contact import ContactThresholds
 
 _PART_OF_LIMIT: Final = 0.1  # of the torque limit, that a learned part may add by default
 
@@ -35,8 +32,6 @@ class ServiceSettings(Declared):
             which an arm without torque limits cannot be served with.
         contact_torque: External torque that is a contact [N m]; one value, or one for each joint.
         contact_duration: For which it has to last [s]; likewise.
-        free: What `contact_thresholds` found of free motion, instead of `contact_torque`; contacts
-            begin only in motion that it showed the like of.
 
     Raises:
         ConfigError: A value is not above 0.
@@ -55,7 +50,6 @@ class ServiceSettings(Declared):
     )
     contact_torque: float | tuple[float, ...] = _above_zero("N m", "of external torque", 4.0)
     contact_duration: float | tuple[float, ...] = _above_zero("s", "for which it has to last", 0.15)
-    free: ContactThresholds | None = None
 
     def bounds(self, limits: JointLimits) -> FloatArray:
         """Return the largest torque that a learned part may add, (n,) [N m].
@@ -74,11 +68,6 @@ class ServiceSettings(Declared):
             )
         return _PART_OF_LIMIT * limits.torque
 
-    @property
-    def contact_torques(self) -> float | tuple[float, ...]:
-        """External torque that is a contact, as it was found or given [N m]."""
-        return self.contact_torque if self.free is None else tuple(self.free.torque.tolist())
-
     def contact(self, n: int) -> tuple[FloatArray, FloatArray]:
         """Return the torque [N m] and the duration [s] that are a contact, (n,) each.
 
@@ -86,7 +75,7 @@ class ServiceSettings(Declared):
             ConfigError: One is given for another number of joints.
         """
         return (
-            _per_joint("contact_torque", self.contact_torques, n),
+            _per_joint("contact_torque", self.contact_torque, n),
             _per_joint("contact_duration", self.contact_duration, n),
         )
 

@@ -29,9 +29,9 @@ from limo_driver.pages.markup import (
     paragraph,
     section,
     table,
+    typeset,
 )
 from limo_driver.physics import Payload
-from limo_driver.quoting import Html
 from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.display import naturally
 from limo_driver.runtime.outputs import whole
@@ -115,7 +115,7 @@ def _odd(standings: Sequence[standing.ArmStanding], charts: Charts) -> str:
     title = "robust standard deviations from the median arm"
     figure = _by_arm(data, title, {item.arm for item in standings})
     rows = [
-        [item.arm, item.series.name, item.series.unit,
+        [*map(escape, (item.arm, item.series.name, item.series.unit)),
          number(item.median), number(item.fleet), f"{item.z:+.1f}"]
         for item in standings
         if item.odd
@@ -135,7 +135,10 @@ def _drifts(fleet: FleetDiagnosis, charts: Charts) -> str:
             return why
         return why + charts.place(_over_days(most), f"Moved most: {most.name} of {most.arms[0]}")
     heads = ("arm", "quantity", "change over the dates (95 %)", "p")
-    rows = [[d.arm, d.series.name, changed(d), number(d.p, 2)] for d in fleet.drifts]
+    rows = [
+        [escape(d.arm), escape(d.series.name), escape(changed(d)), number(d.p, 2)]
+        for d in fleet.drifts
+    ]
     meaning = paragraph(
         "p is the probability that chance alone makes as much of a trend. Over all quantities, "
         f"about one in {1 / FLEET.false_alarms:.0f} fleets without drift gets one named."
@@ -174,7 +177,7 @@ def _spreads(spreads: Sequence[standing.UnitSpread], charts: Charts) -> str:
     dots["error_x"] = bars | {"type": "data", "symmetric": False, "color": _ALIKE}
     figure = _by_arm([dots], f"{widest.series.name} [{widest.series.unit}]", {*widest.arms})
     rows = [
-        [s.series.name, "factor, 1: alike" if s.series.ratio else s.series.unit,
+        [escape(s.series.name), "factor, 1: alike" if s.series.ratio else escape(s.series.unit),
          str(len(s.arms)), number(s.deviation + s.series.ratio),
          " to ".join(number(end + s.series.ratio) for end in s.interval)]
         for s in spreads
@@ -192,7 +195,7 @@ def _findings(rows: Sequence[FleetRow]) -> str:
         for name in _named(row.verdict) if row.verdict is not None else ():
             found.setdefault(name, Counter())[row.arm] += 1
     listed = [
-        [name, ", ".join(f"{a} ({n} of {recordings[a]})" for a, n in arms)]
+        [escape(typeset(name)), escape(", ".join(f"{a} ({n} of {recordings[a]})" for a, n in arms))]
         for name, arms in ((n, c.most_common()) for n, c in sorted(found.items()))
     ]
     return table(("finding", "arms, and how many of their recordings"), listed) if listed else ""
@@ -217,9 +220,9 @@ def _named(verdict: Verdict) -> list[str]:
 def _worst(rows: Sequence[FleetRow], folder: Path) -> str:
     ranked = sorted((row for row in rows if row.diagnosed), key=lambda row: -_floors(row))
     lines = [
-        [_linked(row, folder), row.arm,
+        [_linked(row, folder), escape(row.arm),
          f"{row.date:%Y-%m-%d}".replace("-", "\N{NON-BREAKING HYPHEN}") if row.date else UNSAID,
-         headline(row.verdict), number(_floors(row))]
+         escape(typeset(headline(row.verdict))), number(_floors(row))]
         for row in ranked[: FLEET.worst]
         if row.verdict is not None
     ]  # fmt: skip
@@ -235,16 +238,15 @@ def _floors(row: FleetRow) -> float:
     return max((error / floor for error, floor in pairs if floor > 0), default=0.0)
 
 
-def _linked(row: FleetRow, folder: Path) -> Html:
+def _linked(row: FleetRow, folder: Path) -> str:
     name = escape(Path(row.recording).name)
     if row.folder is None or not (row.folder / REPORT).exists():
         return name
-    page = escape((row.folder / REPORT).relative_to(folder).as_posix())
-    return Html(f'<a href="{page}">{name}</a>')
+    return f'<a href="{escape((row.folder / REPORT).relative_to(folder).as_posix())}">{name}</a>'
 
 
 def _failed(rows: Sequence[FleetRow]) -> str:
-    listed = [[row.recording, row.error] for row in rows]
+    listed = [[escape(str(row.recording)), escape(row.error)] for row in rows]
     return table(("recording", "why"), listed) if listed else ""
 
 

@@ -15,6 +15,7 @@ from limo_driver.errors import ConfigError
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import AFTER, layout
 from limo_driver.pages.markup import grid, header, paragraph, section, table
+from limo_driver.quoting import in_html as escape
 from limo_driver.runtime.display import Displayed
 from limo_driver.runtime.outputs import whole
 
@@ -167,16 +168,16 @@ def save_sweep(sweep: Sweep, folder: Path) -> None:
     # One page of all trials
     charts = Charts()
     drawn = grid(charts.place(_against(sweep, name), name) for name in sweep.varied)
+    rows = [[escape(str(cell)) for cell in row] for row in sweep.rows()]
     failed = [
-        [text_of(trial.settings, name) for name in (*sweep.varied, "seed")] + [trial.error]
+        [escape(text_of(trial.settings, name)) for name in (*sweep.varied, "seed")]
+        + [escape(trial.error)]
         for trial in sweep.failed
     ]
     body = (
         header("Sweep", sweep.headline())
         + section("What each setting leaves", drawn, "drawn", _ABOUT)
-        + section(
-            "All settings", table(sweep.headings(), sweep.rows(), len(sweep.varied)), "settings"
-        )
+        + section("All settings", table(sweep.headings(), rows, len(sweep.varied)), "settings")
     )
     if failed:
         lost = table((*sweep.varied, "seed", "why"), failed)

@@ -262,7 +262,7 @@ def table_page(found: Table) -> Page:
     for split in SPLITS:
         for part in PARTS:
             rows = [
-                [row.name, done(figures), *(cell(figures, i) for i in range(n + 1))]
+                [escape(row.name), done(figures), *(cell(figures, i) for i in range(n + 1))]
                 for of_split, of_part, row, figures in found.entries()
                 if (of_split, of_part) == (split, part)
             ]
@@ -357,10 +357,14 @@ def _claims(found: Table) -> str:
         compared = [item for item in judged if item.factor is not None]
         surely = sum(item.verdict == "holds" for item in compared)
         rows = [
-            [item.part, SPLIT_WORDS[item.split], item.worse, item.better, factor(item),
-             NOTHING if item.paper is None else f"{item.paper:.3g}", item.verdict]
+            [
+                *map(escape, (item.part, SPLIT_WORDS[item.split], item.worse, item.better)),
+                factor(item),
+                NOTHING if item.paper is None else f"{item.paper:.3g}",
+                item.verdict,
+            ]
             for item in judged
-        ]  # fmt: skip
+        ]
         heads = ("part", "split", "first", "second", "factor", "paper's", "verdict")
         title = f"{claim.title}: beyond the spread in {surely} of {len(compared)} comparisons"
         body += folded(title, f"<p>{escape(claim.says)}</p>" + table(heads, rows))

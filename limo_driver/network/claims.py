@@ -91,9 +91,7 @@ class Witness(Closing):
 
 
 def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
-    """Note whom a session was told to reach, where it need not find who else is there.
-
-    Gossip finds others only through those that gossip, too, which nobody can tell of a peer.
+    """Note whom a session was told to reach, where it finds nobody else.
 
     Args:
         session: Open.
@@ -103,8 +101,8 @@ def note_ends(session: zenoh.Session, settings: zenoh.Config) -> None:
     def setting(key: str) -> object:
         return json.loads(settings.get_json(key))
 
-    found = setting("scouting/multicast/enabled") is not False
-    if found or setting("mode") not in {None, "peer"}:
+    found = [setting(f"scouting/{how}/enabled") is not False for how in ("gossip", "multicast")]
+    if any(found) or setting("mode") not in {None, "peer"}:
         return
     ends: object = setting("connect/endpoints")
     while isinstance(ends, dict):  # by mode

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 from math import floor, isfinite
 from typing import Any, Final, TypeAlias
 
-from limo_driver.quoting import Html, in_line
 from limo_driver.quoting import in_html as escape
+from limo_driver.quoting import in_line
 
 Figure: TypeAlias = dict[str, Any]  # of plotly: data, layout, and how many rows it has, if any
 
@@ -122,9 +122,9 @@ def _with_people(text: str) -> str:
     return _PEOPLE.sub(lambda name: name[0].capitalize(), text)
 
 
-def prose(text: str) -> Html:
+def prose(text: str) -> str:
     """Return a text as HTML: typeset, and what stands in backticks as code."""
-    return Html(_CODE.sub(r"<code>\1</code>", escape(typeset(text))))
+    return _CODE.sub(r"<code>\1</code>", escape(typeset(text)))
 
 
 def listed(items: Iterable[str]) -> str:
@@ -135,7 +135,8 @@ def listed(items: Iterable[str]) -> str:
 
 def columns(values: Mapping[str, Sequence[object]], numeric: int = 1) -> str:
     """Return a table of columns by their headings; those from `numeric` on are numbers."""
-    return table(list(values), zip(*values.values(), strict=True), numeric)
+    rows = [[_cell(item) for item in row] for row in zip(*values.values(), strict=True)]
+    return table(list(values), rows, numeric)
 
 
 def next_steps(steps: Iterable[tuple[str, str]]) -> str:
@@ -158,16 +159,13 @@ def command(line: str) -> str:
     return " ".join(f'<span class="whole">{w}</span>' if "-" in w else w for w in words)
 
 
-def table(headings: Sequence[str], rows: Iterable[Sequence[object]], numeric: int = 0) -> str:
-    """Return a table; columns from `numeric` on are numbers (0: none is).
-
-    Cells are texts, but for `Html`: who forgets to escape one shows it as it is.
-    """
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], numeric: int = 0) -> str:
+    """Return a table of HTML cells; columns from `numeric` on are numbers (0: none is)."""
     kinds = [' class="n"' if numeric and k >= numeric else "" for k in range(len(headings))]
     names = (escape(text).replace("[N m]", "[N&nbsp;m]") for text in headings)  # units stay whole
     head = "".join(f"<th{k}>{name}</th>" for k, name in zip(kinds, names, strict=True))
     body = "".join(
-        f"<tr>{''.join(f'<td{k}>{_cell(c)}</td>' for k, c in zip(kinds, cells, strict=True))}</tr>"
+        "<tr>" + "".join(f"<td{k}>{c}</td>" for k, c in zip(kinds, cells, strict=True)) + "</tr>"
         for cells in rows
     )
     return (
@@ -191,10 +189,10 @@ def paragraph(text: str, kind: str = "") -> str:
     return f"<p{f' class={kind!r}' if kind else ''}>{prose(text)}</p>"
 
 
-def meter(share: float) -> Html:
+def meter(share: float) -> str:
     """Return a small bar for a share of 0 to 1, with its figure."""
     width = min(max(share, 0.0), 1.0) * 100
-    return Html(
+    return (
         f'<span class="meter"><span style="width:{width:.0f}%"></span></span>'
         f"<span>{percent(share)}</span>"
     )
@@ -221,8 +219,6 @@ def percent(share: float) -> str:
 
 
 def _cell(value: object) -> str:
-    if isinstance(value, Html):
-        return value
     if value is None:
         return UNSAID
     return significant(value) if isinstance(value, float) else escape(typeset(str(value)))

@@ -112,16 +112,11 @@ class GainLimits:
         gains: tuple[FloatArray, FloatArray, FloatArray],
         away: FloatArray,
         velocity: FloatArray,
-        carried: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the torque that an impedance has, as far as a drive can make it, (n,) [N m].
-
-        That is less by what is carried beside it; see `follow`.
-        """
+        """Return the torque that an impedance has, as far as a drive can make it, (n,) [N m]."""
         stiffness, damping, torque = gains
-        most, added = self._bounds[0], self._none if carried is None else carried
-        total = stiffness * away - damping * velocity + torque
-        return np.clip(total, -most - added, most - added)
+        most = self._bounds[0]
+        return np.clip(stiffness * away - damping * velocity + torque, -most, most)
 
 
 @compiled(reads=("target", "effort"))
@@ -182,7 +177,7 @@ def _follow_gains(
         if k != stiffness[j] or d != damping[j]:
             hit |= GAIN_RATE
         low, high = -most - carried[j], most - carried[j]
-        spring, kept = k0 * other[j] - d0 * v, min(max(t0, low), high)
+        spring, kept = k0 * e - d0 * v, min(max(t0, low), high)
         if kept != t0:
             # More than a drive can be told, as where a spring begins anew: the same torque comes
             # from less stiffness and damping.

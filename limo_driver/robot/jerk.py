@@ -272,7 +272,14 @@ def _led(
 
 @compiled()
 def _short(
-    q: float, v: float, c: float, aim: float, drift: float, most: float, step: float, period: float
+    q: float,
+    v: float,
+    c: float,
+    aim: float,
+    drift: float,
+    most: float,
+    step: float,
+    period: float,
 ) -> float:
     """Return how far short of a moving target braking ends that begins after a change [rad]."""
     v += c

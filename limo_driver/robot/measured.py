@@ -81,9 +81,8 @@ class Measured:
         """Note a state; say whether it is believed."""
         pose, own = belief.pose, state.time + belief.ahead
         belief.jumped = False
-        if state.stale:  # of a cycle that may have taken longer than a period
-            late = belief.time + self._shortest <= own < math.inf
-            belief.time, belief.runaway = own if late else belief.time + self._period, 0
+        if state.stale:
+            belief.time, belief.runaway = belief.time + self._period, 0
             return False
         if pose is None:
             since, known = 0.0, state.position
@@ -133,8 +132,7 @@ class Measured:
     def _apart(self, position: FloatArray, belief: Belief) -> FloatArray | None:
         """Return where an arm may be whose pose jumps there, beyond that; None if it is back.
 
-        No arm jumps: until it measures again where it can have gone to, both may be true. Joints
-        that can have gone there did.
+        No arm jumps: until it measures again where it can have gone to, both may be true.
         """
         before = self.now(belief)
         if before is None or belief.pose is None:
@@ -143,8 +141,7 @@ class Measured:
             belief.parted = belief.pose.time
         apart = before.position - position + (0.0 if before.apart is None else before.apart)
         reach = self._fastest * (belief.time - belief.parted + self._period) + SLACK
-        jumped = np.abs(apart) > reach
-        return np.where(jumped, apart, 0.0) if jumped.any() else None
+        return apart if (np.abs(apart) > reach).any() else None
 
     def all_fine(
         self, position: FloatArray, velocity: FloatArray, torque: FloatArray, belief: Belief

@@ -146,12 +146,9 @@ class OutputStage:
             return self._rigid(last, pose, position, velocity, goal, begun), hit
         if isinstance(command, ImpedanceCommand):
             return self._compliant(command, last, pose)
-        torqued = isinstance(command, TorqueCommand)
         gravity = self._carried(last)
-        if torqued and self._gains is not None and last.stiffness is not self._zero:
-            return self._slackened(command, last, pose, gravity)
         effort, wrench, hit = self._shifted(self._effort(last, pose), last, gravity), last.wrench, 0
-        if torqued:
+        if isinstance(command, TorqueCommand):
             torque, hit = self._torques.follow(command.torque, effort, gravity)
         else:
             torque = self._torques.fade(effort)
@@ -217,12 +214,14 @@ class OutputStage:
             wrench = self._wrenches.fade(wrench) if wrench.any() else _NO_WRENCH
         if self._gains is not None:
             gravity = self._carried(last)
+            wanted, before = (*self._gains, zero), self._impedance(last, pose, gravity)
             away, speed = position - pose.position, pose.velocity - velocity
-            before = self._impedance(last, gravity, 0.0)
-            if not last.rigid:
-                before = self._moved(before, last, pose, gravity, away, speed)
+            if not last.rigid:  # the spring begins anew where the arm is; its torque does not
+                kept = before[0] * away - before[1] * speed
+                effort = self._shifted(self._effort(last, pose), last, gravity)
+                before = before[0], before[1], effort - kept
             (stiffness, damping, torque), _ = self._impedances.follow(
-                (*self._gains, zero), before, away, speed, gravity, pose.apart
+                wanted, before, away, speed, gravity, pose.apart
             )
             return Setpoint(
                 PositionCommand, position, velocity, torque, stiffness, damping, wrench, gravity,
@@ -243,12 +242,16 @@ class OutputStage:
         begun = self._begun(command.position, last, pose, ImpedanceCommand)
         position, velocity, hit = self._positions.follow(command.position, *begun)
         gravity = self._carried(last)
-        before, away = self._impedance(last, gravity), position - pose.position
-        if last.mode is TorqueCommand and last.stiffness is not self._zero:
-            before = self._moved(before, last, pose, gravity, away, pose.velocity)
-        wanted = command.stiffness, command.damping, command.torque
+        before = self._impedance(last, pose, gravity)
+        if last.rigid and self._gains is not None:  # what it was damped towards stands from now on
+            before = before[0], before[1], before[2] + before[1] * last.velocity
         gains, met = self._impedances.follow(
-            wanted, before, away, pose.velocity, gravity, pose.apart
+            (command.stiffness, command.damping, command.torque),
+            before,
+            position - pose.position,
+            pose.velocity,
+            gravity,
+            pose.apart,
         )
         stiffness, damping, torque = gains
         after = Setpoint(
@@ -257,63 +260,21 @@ class OutputStage:
         )  # fmt: skip
         return after, hit | met
 
-    def _slackened(
-        self, command: TorqueCommand, last: Setpoint, pose: Pose, gravity: FloatArray | None
-    ) -> tuple[Setpoint, int]:
-        """Return a set-point of torque beside what is left of stiffness and damping.
-
-        Nobody knows what torque a spring has whose pose may be false: it goes where it is.
-        """
-        zero = self._zero
-        position, velocity = self._positions.brake(last.position, last.velocity, last.change)
-        before, away = self._impedance(last, gravity), position - pose.position
-        wanted = zero, zero, command.torque
-        (stiffness, damping, torque), hit = self._impedances.follow(
-            wanted, before, away, pose.velocity, gravity, pose.apart
-        )
-        if not (stiffness.any() or damping.any()):
-            position, velocity, stiffness, damping = pose.position, zero, zero, zero
-        return Setpoint(
-            TorqueCommand, position, velocity, torque, stiffness, damping, last.wrench, gravity,
-            change=velocity - last.velocity if self._smooth else None,
-        ), hit  # fmt: skip
-
     def _impedance(
-        self, last: Setpoint, gravity: FloatArray | None, slows: float = 1.0
+        self, last: Setpoint, pose: Pose, gravity: FloatArray | None
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the impedance that drives have, as damped to a stand where that `slows` them."""
-        torque = self._shifted(last.torque, last, gravity)
-        if last.rigid and last.damping is not self._zero:
-            torque = torque + slows * last.damping * last.velocity
-        return last.stiffness, last.damping, torque
-
-    def _moved(
-        self,
-        before: tuple[FloatArray, FloatArray, FloatArray],
-        last: Setpoint,
-        pose: Pose,
-        gravity: FloatArray | None,
-        away: FloatArray,
-        speed: FloatArray,
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return an impedance as it is about another place: the spring moves, its torque stays.
-
-        Of an arm that may be in two places, that is the torque where it was, as the spring is.
-        """
-        if pose.apart is not None:
-            away, pose = away - pose.apart, pose._replace(position=pose.position + pose.apart)
-        kept = before[0] * away - before[1] * speed
-        effort = self._shifted(self._effort(last, pose), last, gravity)
-        return before[0], before[1], effort - kept
+        """Return the impedance that drives have: none, apart from a torque, if they are rigid."""
+        if last.mode is ImpedanceCommand or (last.rigid and self._gains is not None):
+            return last.stiffness, last.damping, self._shifted(last.torque, last, gravity)
+        return self._zero, self._zero, self._shifted(self._effort(last, pose), last, gravity)
 
     def _effort(self, last: Setpoint, pose: Pose) -> FloatArray:
         """Return the torque that drives have, or what is left of it, (n,) [N m]."""
-        if last.stiffness is self._zero:
-            return last.torque
-        gains = last.stiffness, last.damping, last.torque
-        slip = pose.velocity - last.velocity if last.rigid else pose.velocity
-        away = last.position - pose.position
-        return self._impedances.effort(gains, away, slip, last.gravity)
+        if last.mode is ImpedanceCommand or (last.rigid and self._gains is not None):
+            gains = last.stiffness, last.damping, last.torque
+            slip = pose.velocity - last.velocity if last.rigid else pose.velocity
+            return self._impedances.effort(gains, last.position - pose.position, slip)
+        return last.torque
 
     def _shifted(
         self, effort: FloatArray, last: Setpoint, gravity: FloatArray | None
@@ -334,16 +295,13 @@ class OutputStage:
         return gravity if last.gravity is None else self._torques.near(gravity, last.gravity)
 
 
-def applied_command(command: JointCommand, after: Setpoint, hit: int, pose: Pose) -> JointCommand:
-    """Return a command as the drives will apply it where the arm is, with the limits met."""
+def applied_command(command: JointCommand, after: Setpoint, hit: int) -> JointCommand:
+    """Return a command as the drives will apply it, with the limits that changed it."""
     if not hit:
         return replace(command, limited_by=()) if command.limited_by else command
     values: dict[str, Any] = {"limited_by": names_of(hit)}
     for name in _TOLD[type(command)]:
         values[name] = getattr(after, name)
-    if isinstance(command, TorqueCommand):  # and what is left of a spring
-        spring = after.stiffness * (after.position - pose.position)
-        values["torque"] = after.torque + spring - after.damping * pose.velocity
     return replace(command, **values)
 
 

@@ -407,7 +407,7 @@ class SafetyContract:
         """Limit a command against the set-point of this cycle and note the next one."""
         memory = self._memory
         memory.after, hit = self._stage.step(command, memory.now, pose)
-        return applied_command(command, memory.after, hit, pose)
+        return applied_command(command, memory.after, hit)
 
 
 def warm_up(spec: RobotSpec) -> None:

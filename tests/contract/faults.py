@@ -12,7 +12,6 @@ from contextlib import suppress
 from types import SimpleNamespace
 
 import can
-import numpy as np
 from arms import NODES
 from stepped_arm import HOST, SteppedArm
 
@@ -136,9 +135,7 @@ class FriFaults:
     def begin(self, fault, random, rigid):
         """Begin a fault; return for how many cycles it lasts, and in which it is held [s]."""
         self.rigid = rigid
-        told = getattr(self, "fri_" + fault.replace(" ", "_"))(random)
-        self.began = self.now()
-        return told
+        return getattr(self, "fri_" + fault.replace(" ", "_"))(random)
 
     def end(self):
         """End all faults."""
@@ -263,7 +260,6 @@ class CanFaults:
     """What goes wrong on the bus of an arm of drives; a subclass knows its frames."""
 
     faults = CAN_FAULTS
-    tells_speed = False  # of set-points, to who listens at the wire
 
     def equip(self):
         """Put the faults on the bus."""
@@ -274,7 +270,7 @@ class CanFaults:
         return self.bus.time
 
     def begin(self, fault, random, rigid):
-        self.rigid, self.began, self.lies = rigid, self.bus.time, False
+        self.rigid = rigid
         return getattr(self, "can_" + fault.replace(" ", "_").replace("-", "_"))(random)
 
     def end(self):
@@ -288,7 +284,6 @@ class CanFaults:
             if self.refusing[0] < 0:
                 self.refusing.popleft()
                 self.bus.time += self.robot.spec.period  # in which the program comes back
-                self.began = self.began or self.bus.time
                 raise can.CanOperationError("No buffer space available", errno.ENOBUFS)
         self.plain_send(msg, timeout)
 
@@ -296,22 +291,24 @@ class CanFaults:
         cycles = int(random.integers(1, 15))
         frames = [int(random.integers(0, 8))] + [0] * (cycles - 1)
         self.refusing = deque(frames)
-        h, self.began = self.robot.spec.period, None  # until a frame is refused
-        return cycles, BUS + h if (cycles - 1) * h > BUS else None
+        lasts = (cycles + 1) * self.robot.spec.period  # and then it takes them
+        return cycles, lasts if lasts > BUS + 2 * self.robot.spec.period else None
 
     def can_answers_lost(self, random):
         cycles = int(random.integers(1, 40))
         lost = self.answers(random.choice(NODES, random.integers(1, 8), replace=False))
         self.filters.append(lambda k, data: [] if k in lost else [(k, data)])
         h = self.robot.spec.period
-        patience = UNMEASURED + h if self.rigid else COMPLIANT
+        patience = (
+            UNMEASURED if self.rigid else COMPLIANT
+        ) + h  # one answer may be late by so much
         return cycles, patience if cycles * h > patience + 3 * h else None
 
     def can_false_replies(self, random):
         cycles, node = int(random.choice([1, 2, 3, 4, 6, 15, 40])), random.choice(NODES)
         away = random.choice([-1, 1]) * random.choice([0.05, 0.3, 1.0])
         self.other_speed = int(random.choice([0, 0, 0x40, 0x80]))
-        false, self.lies = self.answers([node]), self.tells_speed and np.array(NODES) == node
+        false = self.answers([node])
         self.filters.append(
             lambda k, data: [(k, self.moved(data, away)) if k in false else (k, data)]
         )
@@ -337,12 +334,11 @@ class CanFaults:
         self.filters.append(
             lambda k, data: [(k, self.in_status(data, status)) if k in flipped else (k, data)]
         )
-        return cycles, self.robot.spec.period
+        return cycles, 0.0
 
     def can_stalls(self, random):
         stall = 1e-3 * random.choice([5, 8, 20, 50, 100, 120, 150, 500])
         self.bus.time += stall
-        self.began = self.bus.time
         return 3, 2 * self.robot.spec.period if stall > 1.2 * EXPIRED else None
 
     def can_foreign_set_points(self, random):
@@ -381,7 +377,6 @@ class Cia402Faults(CanFaults):
 
 
 class DamiaoFaults(CanFaults):
-    tells_speed = True
     other_speed = 0  # bits of a velocity that are flipped where a reply is false
     other_statuses = (0x0, 0x8, 0xB, 0xE)
 
@@ -398,7 +393,7 @@ class DamiaoFaults(CanFaults):
 
     def believed_after(self, cycles):
         """Three that agree are believed."""
-        return 3 * self.robot.spec.period if cycles >= 3 else None
+        return 2 * self.robot.spec.period if cycles >= 3 else None
 
     def intrude(self, random):
         frame = int(random.choice([*range(1, 8), 0x7FF]))

@@ -36,7 +36,6 @@ class Rig:
     kinds = (POSITION, IMPEDANCE, TORQUE)
     faults = ()  # that can be begun at its wire
     delayed = False  # what is heard is not of this cycle
-    lies = False  # joints that had a false reply since the last fault began, (n,)
     quanta = Quanta()
     gains = None  # stiffness and damping by which positions are kept, if all is done by one law
 

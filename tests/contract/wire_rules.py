@@ -83,11 +83,10 @@ class Judge:
         self.before, self.paths = None, [[]]
         self.fade = self.fade * 0.0
 
-    def judge(self, now, state, true=None, false=False):
+    def judge(self, now, state, true=None):
         """Check what is applied after a state was measured.
 
-        Set-points that begin anew may do so where the arm is, or else where it truly is (n,). Of
-        joints that had false replies (n,), who is told knows neither: another judge looks at those.
+        Set-points that begin anew may do so where the arm is, or else where it truly is (n,).
         """
         self.cycles += 1
         for name in ("position", "torque", "stiffness", "damping"):
@@ -104,7 +103,7 @@ class Judge:
                     tried.append(self.used)
                     try:
                         fade = self._torques(now, state, anew, steps)
-                        longer = self._positions(now, state, path, anew, (start, false), steps)
+                        longer = self._positions(now, state, path, anew, start, steps)
                     except AssertionError as error:
                         problems.append(str(error))
                         continue
@@ -154,7 +153,7 @@ class Judge:
 
     def _positions(self, now, state, path, anew, start, steps):
         """Return the path of set-points with this one; of those before, the last three count."""
-        limits, quantum, (start, false) = self.limits, self.quanta.position, start
+        limits, quantum = self.limits, self.quanta.position
         if now.mode == TORQUE:
             return []
         here = Place(now.position, steps)
@@ -168,7 +167,7 @@ class Judge:
                 away = np.abs(now.position - start)
                 self._within("start", away, BELIEVED * self.period * limits.velocity + DISTANCE)
                 return [here]
-            path = [Place(np.where(false, now.position - self.period * now.velocity, start))]
+            path = [Place(start)]
         path = [*path[-3:], here]
         velocity = np.abs(here.position - path[-2].position) / (self.period * steps)
         slack = 2 * quantum / self.period

@@ -183,7 +183,10 @@ def test_the_flange_of_a_stretched_arm_moves_by_no_more_than_the_clearance_betwe
             r"cannot be lifted off the table at 1.1 m \(`table_height`\)",
         ),
         (PlanRequest(surroundings=Surroundings(joint_margin=2.5)), "joint limits"),
-        (PlanRequest(surroundings=Surroundings(clearance=0.2), candidates=2000), "self-collision"),
+        (
+            PlanRequest(surroundings=Surroundings(clearance=0.2), candidates=2000),
+            "self-collision",
+        ),
         (
             PlanRequest(exploring=Exploring(amplitude=(1.0, 1.5)), exploring_tries=3, repairs=3),
             "joint limits",

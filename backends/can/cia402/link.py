@@ -396,7 +396,9 @@ class Cia402Link(Link):
             if self.port.now() > until:
                 drive = next(drive for drive in self._drives if not drive.heard)
                 raise DriveError(
-                    drive.joint, drive.node, "answers SDO, but sends no measurement (TPDO1) at SYNC"
+                    drive.joint,
+                    drive.node,
+                    "answers SDO, but sends no measurement (TPDO1) at SYNC",
                 )
 
     def _give_up(self, drive: Drive) -> None:

@@ -134,7 +134,10 @@ _SWITCH_ON = (0x0F, 0x07)
 _ENABLE = (0x0F, 0x0F)
 
 _S = StatuswordState
-_OFF = {_S.READY: _S.SWITCH_ON_DISABLED, _S.SWITCHED_ON: _S.SWITCH_ON_DISABLED}
+_OFF = {
+    _S.READY: _S.SWITCH_ON_DISABLED,
+    _S.SWITCHED_ON: _S.SWITCH_ON_DISABLED,
+}
 _TRANSITIONS: Final[dict[tuple[int, int], dict[StatuswordState, StatuswordState]]] = {
     _DISABLE_VOLTAGE: {
         **_OFF,
@@ -142,7 +145,11 @@ _TRANSITIONS: Final[dict[tuple[int, int], dict[StatuswordState, StatuswordState]
         _S.QUICK_STOP: _S.SWITCH_ON_DISABLED,
     },
     _QUICK_STOP: {**_OFF, _S.ENABLED: _S.QUICK_STOP},
-    _SHUTDOWN: {_S.SWITCH_ON_DISABLED: _S.READY, _S.SWITCHED_ON: _S.READY, _S.ENABLED: _S.READY},
+    _SHUTDOWN: {
+        _S.SWITCH_ON_DISABLED: _S.READY,
+        _S.SWITCHED_ON: _S.READY,
+        _S.ENABLED: _S.READY,
+    },
     _SWITCH_ON: {_S.READY: _S.SWITCHED_ON, _S.ENABLED: _S.SWITCHED_ON},
     # Enabling from `ready` passes `switched on`, as the standard allows.
     _ENABLE: {_S.READY: _S.ENABLED, _S.SWITCHED_ON: _S.ENABLED},

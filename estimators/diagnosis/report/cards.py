@@ -26,7 +26,6 @@ from limo_driver.pages.markup import (
 )
 from limo_driver.physics import PreslidingHysteresis, display_name
 from limo_driver.physics.domain import JointMotion
-from limo_driver.quoting import Html
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -74,7 +73,7 @@ def _at_a_glance(verdict: Verdict) -> str:
     """Return the findings as a table, a line each, that leads to what is said of them."""
     rows = [
         [
-            Html(f'<a href="#finding-{number}">{escape(typeset(_named(item)))}</a>'),
+            f'<a href="#finding-{number}">{escape(typeset(_named(item)))}</a>',
             escape(_title_place(item, verdict.names)),
             escape(typeset(quantity_of(item))) or UNSAID,
             meter(item.confidence),
@@ -107,7 +106,9 @@ def _card(
     title = f"{escape(typeset(_named(item)))} "
     title += f"<span>{escape(_title_place(item, verdict.names))}</span>"
     head = f'<p class="kind">{escape(means)}</p>{paragraph(_sentence(item.evidence), "evidence")}'
-    facts = [("confidence", meter(item.confidence))]
+    facts = [
+        ("confidence", meter(item.confidence)),
+    ]
     if drop := _drop(item, verdict):
         facts.append(("held-out RMSE, fitted without → with it", escape(drop)))
     beside = " that tolerances leave" if fit.heldout_rmse_tolerances else ""

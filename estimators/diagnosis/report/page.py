@@ -240,7 +240,7 @@ def data(diagnosis: DiagnosisResult) -> str:
     verdict = diagnosis.verdict
     rows = [["samples used", _count(verdict.rows.used)]]
     rows += [
-        [prose(f"samples left out: {reason}"), _count(count)]
+        [f"samples left out: {prose(reason)}", _count(count)]
         for reason, count in verdict.rows.left_out.items()
     ]
     samples = table(("recordings", "number"), rows, numeric=1)

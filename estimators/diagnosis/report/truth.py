@@ -26,7 +26,6 @@ from limo_driver.pages.markup import (
 )
 from limo_driver.pages.motion import arm_section
 from limo_driver.physics import Effect, Payload, display_name
-from limo_driver.quoting import Html
 from limo_driver.quoting import in_html as escape
 
 if TYPE_CHECKING:
@@ -271,11 +270,11 @@ def _findings(
     return table(("finding", "parameter", *names, "change"), rows)
 
 
-def _change(pair: _Pair, *, differs: bool) -> Html:
+def _change(pair: _Pair, *, differs: bool) -> str:
     """Say how a finding changed from the first diagnosis to the second."""
     if all(pair):
-        return Html("<b>differs</b>" if differs else "")
-    return Html("<b>gone</b>" if pair[0] else "<b>new</b>")
+        return "<b>differs</b>" if differs else ""
+    return "<b>gone</b>" if pair[0] else "<b>new</b>"
 
 
 def _errors(names: Sequence[str], verdicts: Sequence[Verdict]) -> str:

@@ -23,8 +23,24 @@ from estimators.diagnosis.report.sections import identified, stated_values
 from estimators.diagnosis.settings.judgement import WORDING
 from limo_driver.model.units import unit_of
 from limo_driver.pages import Charts, Ghost, Page, PlayedMotion, arm_view
-from limo_driver.pages.figures import AFTER, BEFORE, DRAWN, MEASURED, NARROW, WIDE, curve, layout
-from limo_driver.pages.markup import columns, folded, grid, header, paragraph, section
+from limo_driver.pages.figures import (
+    AFTER,
+    BEFORE,
+    DRAWN,
+    MEASURED,
+    NARROW,
+    WIDE,
+    curve,
+    layout,
+)
+from limo_driver.pages.markup import (
+    columns,
+    folded,
+    grid,
+    header,
+    paragraph,
+    section,
+)
 from limo_driver.pages.motion import arm_section
 
 if TYPE_CHECKING:

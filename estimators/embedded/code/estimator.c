@@ -296,20 +296,6 @@ static bool shown(int j, double velocity, double acceleration, double torque)
     }
     return free_speeds[j][fabs(velocity) < SLOW ? 0 : 1] > 0.0;
 }
-
-/* Whether any joint changed its velocity between the newest positions far more than in free motion:
- * what such a jolt takes is not in torques that are measured now and then. */
-static bool jolted(const limo_state *state)
-{
-    const double(*newest)[2 * LIMO_LANES] = state->line + state->oldest + TAPS - 1;
-    for (int j = 0; j < N; ++j) {
-        const double bend = newest[0][j] - 2.0 * newest[-1][j] + newest[-2][j];
-        if (fabs(bend) * LIMO_RATE * LIMO_RATE > free_most[j][3]) {
-            return true;
-        }
-    }
-    return false;
-}
 #endif
 
 limo_status limo_step(limo_state *state, double time, const double position[N],
@@ -352,12 +338,11 @@ limo_status limo_step(limo_state *state, double time, const double position[N],
 #endif
     estimate->filled = state->received >= TAPS + LIMO_TORQUE_TAPS - 1;
 #if LIMO_CONTACT
-    const bool jolt = jolted(state);
     for (int j = 0; j < N; ++j) {
         state->lowest[j] = fmin(state->lowest[j], position[j]);
         state->highest[j] = fmax(state->highest[j], position[j]);
         state->unlike[j] -= state->unlike[j] > 0;
-        if (jolt || !shown(j, motion[0][j], motion[1][j], estimate->torque[j])) {
+        if (!shown(j, motion[0][j], motion[1][j], estimate->simulation[j])) {
             state->unlike[j] = UNLIKE_SAMPLES;
         }
     }

@@ -32,7 +32,6 @@ from limo_driver.robot.realtime import LatencyHistogram
 from limo_driver.runtime.compiled import compiled
 
 if TYPE_CHECKING:
-    from estimators.embedded.contact import ShownMotion
     from estimators.service.inference.inbox import NetworkOutlet
     from limo_driver.types import FloatArray
 
@@ -75,7 +74,6 @@ class ArmService:
         self, arm: ServedArm, fallback: LiveModel, watchdog: ContactWatchdog, outlet: NetworkOutlet
     ) -> None:
         self.arm, self.watchdog = arm, watchdog
-        self.shown: ShownMotion | None = None  # of free motion, in which contacts begin
         self._outlet = outlet
         n = len(arm.joint_names)
         self.history = History(n, round(arm.history * arm.rate))
@@ -99,9 +97,11 @@ class ArmService:
         self._measured = False  # torque comes with the states
         self._settled, self._began = np.inf, np.nan  # [s], when the filter is full, memory began
         self._report = ContactReport(watchdog)
-        self._lowest, self._highest = np.full((2, n), [[np.inf], [-np.inf]])  # [rad], since then
+        self._lowest = np.full(n, np.inf)  # [rad], since memory began anew
+        self._highest = np.full(n, -np.inf)
         _possible(self._lowest, self._highest)  # compiles
-        self._unturned, self._all_turned = np.ones(n, np.bool_), False  # whose friction may stand
+        self._unturned = np.ones(n, dtype=np.bool_)  # friction of these may stand anyhow
+        self._all_turned = False
         self._came = np.inf  # [s], of this machine's clock, when the last state did
 
     @property
@@ -228,7 +228,9 @@ class ArmService:
         if self._origin is None:
             self._origin = state.stamp_ns
         now = _NANOSECONDS * (state.stamp_ns - self._origin)
-        measured, gap, stream = bool(state.torque.size), now - self._last, self.model.stream
+        measured = bool(state.torque.size)
+        gap = now - self._last
+        stream = self.model.stream
         if not 0 < gap <= stream.longest_gap or measured != self._measured:
             self._measured = measured
             self._restart(now, _why_anew(gap, stream.longest_gap, measured=measured))
@@ -248,15 +250,12 @@ class ArmService:
         self.history.append(now, state.position, torque)
         unsure = np.where(self._unturned, np.nan, np.where(answer.outside, SURE * answer.std, 0.0))
         felt = answer.external - np.clip(answer.external, -unsure, unsure)
-        inside = np.where(answer.outside, np.nan, answer.external)
-        if self.shown is not None:  # a contact that has begun ends by its torque
-            unlike = ~self.shown.step(now, state.position, answer.torque)
-            inside[unlike] = felt[unlike & ~self.watchdog.active] = np.nan
         for contact in self.watchdog.step(now, felt) if known else ():
             self._tell(contact, now)
+        inside = np.where(answer.outside, np.nan, answer.external)
         if self._report.step(now, inside, answer.std, known=known):
             self._tell_contacts(now)
-            free = known & ~self.watchdog.active & np.isfinite(inside)
+            free = known & ~self.watchdog.active
             given = answer.external, answer.std, free, state.position
             for line in self._changes.step(now, *given):
                 self._outlet.event("changed", line, Level.WARN)
@@ -318,7 +317,8 @@ class ArmService:
         self.history.restart()
         self.model.state = self.model.stream.init()
         self._cut_contacts_off()
-        self._lowest[:], self._highest[:] = np.inf, -np.inf
+        self._lowest.fill(np.inf)
+        self._highest.fill(-np.inf)
         self._unturned, self._all_turned = np.ones_like(self._unturned), False
         self._began, self._settled = now, now + 2.0 * self.model.stream.delay
         if not first:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -126,8 +125,10 @@ def command(
     from limo_driver.app.library.supervising import listens, serve_apart
     from limo_driver.network.ros import RosTopic
 
-    found = None
     if free:
+        # What `--contact` would say for a rate of false alarms on free motion
+        import numpy as np
+
         from limo_driver.app.cli.export import read_all
         from limo_driver.app.library.contacts import contact_thresholds
 
@@ -136,9 +137,12 @@ def command(
         if is_on_command_line(context, "contact"):
             raise ConfigError("--contact and --free both say what a contact is")
         calm = read_all(free, model, mapping)
-        found = contact_thresholds(model, calm, false_alarms=false_alarms, delay=delay)
-        levels = ", ".join(f"{level:.3g}" for level in found.torque)
-        say(f"contact above {levels} N m: {found}", stderr=True)
+        levels = contact_thresholds(model, calm, false_alarms=false_alarms, delay=delay)
+        contact = ",".join(f"{level:.3g}" for level in levels)
+        gaps = sum(int(np.sum(np.diff(own.time) > 1.5 / own.rate)) for own in calm)
+        late = f", raised by {gaps} gaps in that motion, at which an arm jerks" * (gaps > 0)
+        alarms = f"false alarms: {false_alarms:g} an hour"
+        say(f"{alarms}: --contact {contact} [N m]{late}", stderr=True)
     stores = stores_of(arm, store)
     limits = log_limits(log_size, log_age, len(stores))
     # How to retrain, or None where it is not wanted or not possible
@@ -161,7 +165,7 @@ def command(
         stores,
         model=model,
         simulation=sim,
-        settings=replace(settings_of(rate, delay, bound, contact, contact_for), free=found),
+        settings=settings_of(rate, delay, bound, contact, contact_for),
         log=log,
         log_limits=limits,
         retraining=retraining,

@@ -17,7 +17,6 @@ from limo_driver.recordings.bandwidth import bandwidth_for
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from estimators.embedded.contact import ContactThresholds
     from estimators.residual_model import ResidualModel
     from limo_driver.recordings.recording import Recording
 
@@ -103,12 +102,11 @@ def contact_thresholds(
     *,
     false_alarms: float = 1.0,
     delay: float = 0.1,
-) -> ContactThresholds:
-    """Return the external torque that error alone passes as seldom as wanted: `torque` [N m].
+) -> tuple[float, ...]:
+    """Return the external torque that error alone passes as seldom as wanted, by joint [N m].
 
-    As `free` of `ServiceSettings`, for a service of the same model, rate and delay. One that asks a
-    contact to last has fewer false alarms. Where free motion showed no such speed, acceleration or
-    torque, none begins.
+    As `contact_torque` of `ServiceSettings`, for a service of the same model, rate and delay. One
+    that asks a contact to last has fewer false alarms.
 
     Args:
         model: A simulation or a fitted model; or the path of a `sim.yaml`, or of a model's folder.
@@ -124,7 +122,7 @@ def contact_thresholds(
 
     Example:
         >>> levels = limo.contact_thresholds("model/", "air.parquet", false_alarms=1.0)
-        >>> settings = limo.ServiceSettings(free=levels)
+        >>> settings = limo.ServiceSettings(contact_torque=levels)
     """
     from estimators.embedded.contact import measured_contact
     from estimators.stream import Stream
@@ -132,4 +130,5 @@ def contact_thresholds(
     recordings = recordings_of(free)
     known, simulation = estimator_of(model)
     stream = Stream(known, recordings[0].rate, delay)
-    return measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
+    found = measured_contact(false_alarms, stream, simulation, recordings, in_torque=True)
+    return tuple((found.level * found.error).tolist())

@@ -312,7 +312,7 @@ def _check_contacts(settings: ServiceSettings, served: Mapping[str, ServedModels
     import numpy as np
 
     said = {
-        "contact_torque": settings.contact_torques,
+        "contact_torque": settings.contact_torque,
         "contact_duration": settings.contact_duration,
     }
     for name_of, values in said.items():

@@ -55,7 +55,11 @@ def test_hexadecimal_and_exponents_are_read(tmp_path):
         ("robot: iiwa14", "robot: panda9", "neither built in"),
         ("robot: iiwa14", "robots: iiwa14", "line 2: has no 'robots'"),
         ("robot: iiwa14\n", "", "lacks robot"),
-        ("here}", "here, options: {a: 2026-13-45}}", "line 1: bus: options: a is '2026-13-45'"),
+        (
+            "here}",
+            "here, options: {a: 2026-13-45}}",
+            "line 1: bus: options: a is '2026-13-45'",
+        ),
         ("here}", "here, options: {a: !x y}}", "line 1: bus: options: a is 'y', expected a text"),
         ("node: 13", "node: 12", "joints 2 and 3 have the same node 12"),
         ("node: 13", "node: 127", "master is 127"),

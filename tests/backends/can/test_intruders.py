@@ -327,21 +327,6 @@ class TestABusThatTakesNoFrame:
         if holds:
             assert "took no frame for 0.035 s" in reason(robot)
 
-    def test_takes_no_command_for_it_once_that_took_long(self, bus, robot):
-        """Whoever commands is told while nothing can leave, not only once it can."""
-        motion = Motion(robot)
-        motion.run(60)
-        refusing, since = Refusing(bus), 0.0
-        refusing.left, began = 100, bus.now()
-        while since <= 0.03 + 1e-9:  # three periods
-            robot.send(PositionCommand(position=motion.q))
-            with pytest.raises(ConnectionLostError):
-                robot.receive()
-            since = bus.now() - began
-            bus.time += 0.25 * robot.spec.period
-        with pytest.raises(HoldingError, match=r"took no frame for 0\.03"):
-            robot.send(PositionCommand(position=motion.q))
-
 
 def test_a_limit_of_following_has_to_be_one():
     with pytest.raises(ConfigError, match="following_error"):

@@ -34,7 +34,11 @@ class StallingBus(SyncBus):
             self.losing = 1  # its answers come later
             begun = self.time + (2 * PERIOD + self.oversleeps if self.oversleeps else 0.0)
             self.later = [
-                (begun + 0.2 * PERIOD, 0x180 + drive.node.id, MEASURED.pack(0x27, drive.count, 0))
+                (
+                    begun + 0.2 * PERIOD,
+                    0x180 + drive.node.id,
+                    MEASURED.pack(0x27, drive.count, 0),
+                )
                 for drive in self.arm.drives
             ]
         self.hesitates = 0.0

@@ -34,7 +34,12 @@ def an(enum):
 headers = st.builds(m.Header, uint32, uint32)
 timestamps = st.builds(m.Timestamp, uint32, uint32)
 io_values = st.builds(
-    m.IoValue, names, an(m.IoType), an(m.IoDirection), maybe(st.integers(0, 2**64 - 1)), maybe(real)
+    m.IoValue,
+    names,
+    an(m.IoType),
+    an(m.IoDirection),
+    maybe(st.integers(0, 2**64 - 1)),
+    maybe(real),
 )
 redundancies = st.builds(m.Redundancy, an(m.RedundancyStrategy), real)
 robots = st.builds(

@@ -176,7 +176,9 @@ class TestLostOnTheWayToTheRobot:
         with stepped() as robot:
             robot.arm.message = lambda arm=robot.arm, **_: (
                 plain := SteppedArm.message(arm)
-            )._replace(header=plain.header._replace(reflected=max(arm.reflected - 8, 0)))
+            )._replace(
+                header=plain.header._replace(reflected=max(arm.reflected - 8, 0)),
+            )
             judged = moving(robot, 300)
             assert not robot.receive().holding
             judged.check()

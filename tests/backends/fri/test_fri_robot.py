@@ -32,7 +32,12 @@ from limo_driver.errors import (
     JointLimitError,
     ShapeError,
 )
-from limo_driver.types import ImpedanceCommand, PositionCommand, TorqueCommand, WrenchCommand
+from limo_driver.types import (
+    ImpedanceCommand,
+    PositionCommand,
+    TorqueCommand,
+    WrenchCommand,
+)
 
 pytestmark = pytest.mark.waits
 
@@ -114,7 +119,7 @@ def test_multiplier_of_zero_means_every_packet():
     with stepped(multiplier=1) as robot:
         arm = robot.arm
         arm.message = lambda: SteppedArm.message(arm)._replace(
-            connection=SteppedArm.message(arm).connection._replace(receive_multiplier=0)
+            connection=SteppedArm.message(arm).connection._replace(receive_multiplier=0),
         )
         assert [robot.receive().stale for _ in range(3)] == [False] * 3
 

@@ -13,7 +13,7 @@ from c_model import COMPILERS, CEstimates, CModel, worst
 from lanes import sampled
 from wandering import wander
 
-from estimators.embedded.contact import TURNED, ShownMotion, measured_contact
+from estimators.embedded.contact import measured_contact
 from estimators.embedded.export import export_c
 from estimators.hybrid import HybridModel
 from estimators.hybrid.training.settings import TrainingSettings
@@ -244,36 +244,6 @@ def test_a_push_is_a_contact_and_errors_are_as_rarely_one_as_stated(
     assert wrong[fast.filled > 0.0].any()
     assert not (wrong & (fast["known"] > 0.0)).any()
     assert not fast["contact"].any()
-    # stopped for one state, and caught up within the next
-    jolted = quiet.position.copy()
-    jolted[1000] = jolted[999]
-    assert not built.stream(quiet.time, jolted, quiet.torque)["known"][1000:1020].any()
-
-
-def test_free_motion_shows_the_same_in_c_and_python(
-    rigid: Simulation, record: Callable[[int, float], Recording], tmp_path: Path
-) -> None:
-    """Both know of the same states where a contact can be told: faster ones, jolts, lost ones."""
-    free, other = [record(seed, 60.0) for seed in (1, 2)], record(3, 60.0)
-    built = CModel.of(rigid, tmp_path, 100.0, free=free)
-    stream = Stream(rigid, 100.0)
-    thresholds = measured_contact(1.0, stream, rigid, free)
-    position, time = other.position.copy(), other.time.copy()
-    position[1000:1003] = position[999]
-    time[4000:] += 5.0  # a gap over which nothing is remembered
-    kept = np.r_[0:3000, 3002:5000, 5000 : len(other) : 2]  # two states are lost; twice as fast
-    kept_time = time[: kept.size] + 0.02 * (kept > 3001)
-    position, torque = position[kept], other.torque[kept]
-    found = built.stream(kept_time, position, torque)
-    late, _ = stream.advance(stream.init(), kept_time, position, torque)
-    watch, shown = ShownMotion(thresholds, stream), []
-    for k, now in enumerate(kept_time):
-        shown.append(watch.step(now, position[k], late.torque[k]))
-    both = [position[:4000], position[4000:]]  # in C, friction has to be known, too
-    turned = [np.maximum.accumulate(p) - np.minimum.accumulate(p) >= TURNED for p in both]
-    settled = np.concatenate(turned) & (found.filled > 0.0)[:, None]
-    assert 0.2 < np.mean(found["known"][settled]) < 0.98
-    np.testing.assert_array_equal(found["known"] > 0.0, np.array(shown) & settled)
 
 
 def test_without_free_motion_no_code_of_contact_is_written(

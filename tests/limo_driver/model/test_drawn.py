@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from limo_driver.model import RobotModel
-from limo_driver.model.drawn import TRIANGLES, LinkMesh, _revolved, clustered, drawing_of
+from limo_driver.model.drawn import (
+    TRIANGLES,
+    LinkMesh,
+    _revolved,
+    clustered,
+    drawing_of,
+)
 from limo_driver.pages import arm_view
 from limo_driver.pages.motion import arm_section
 

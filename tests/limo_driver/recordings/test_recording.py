@@ -284,7 +284,10 @@ def refuse(change, message, tmp_path, T=400):
         (lambda c: {k: v for k, v in c.items() if k != "position_2"}, "lacks position_2;"),
         (lambda c: {k: v for k, v in c.items() if "position" not in k}, "lacks position_1, pos"),
         (lambda c: {k.replace("n_2", "n_" + 5000 * "9"): c[k] for k in c}, "lacks position_2;"),
-        (lambda c: c | {"time": c["time"] * 1e3}, "sampled at 0.1 Hz.*is the time in millis"),
+        (
+            lambda c: c | {"time": c["time"] * 1e3},
+            "sampled at 0.1 Hz.*is the time in millis",
+        ),
         (lambda c: c | {"time": c["time"] % 2.0}, "runs backwards at row 200"),
         (lambda c: c | {"time": c["time"][::-1]}, "runs backwards in 399 of 400 rows, at row 1"),
         (lambda c: c | {"torque_1": c["torque_1"] * 1e7}, "torque_1 is beyond ±1e\\+06.*N mm"),

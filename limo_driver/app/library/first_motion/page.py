@@ -10,7 +10,6 @@ from limo_driver.app.library.first_motion.records import PASSED, STEPS, TITLES, 
 from limo_driver.errors import LimoError
 from limo_driver.pages import Charts, Page, markup
 from limo_driver.pages.figures import DRAWN, JOINTS, MEASURED, curve, joint_motion, layout, numbers
-from limo_driver.quoting import Html
 from limo_driver.quoting import in_html as escape
 from limo_driver.recordings.recording import Recording
 from limo_driver.trajectory import Trajectory
@@ -94,20 +93,21 @@ def step_page(record: Record, arm: RealArm, folder: Folder) -> Page:
     return Page(f"{crumb}: {_BADGES[passed][0]}", body, charts)
 
 
-def _marked(text: str) -> Html:
-    return Html(f'<b class="failed">{escape(text)}</b>')
-
-
 def _findings(record: Record) -> str:
     rows = [
-        [_marked(each["code"]) if each["problem"] else each["code"], each["text"]]
+        [
+            f'<b class="failed">{escape(each["code"])}</b>' if each["problem"] else each["code"],
+            escape(each["text"]),
+        ]
         for each in sorted(record["findings"], key=lambda each: not each["problem"])
     ]
     return markup.table(["kind", "what"], rows) if rows else "<p>Nothing that has to be known.</p>"
 
 
 def _signature(record: Record, folder: Folder) -> str:
-    lines = markup.table(["name", "function", "date", "signature"], [[Html("<br><br>")] * 4] * 2)
+    lines = markup.table(
+        ["name", "function", "date", "signature"], [["<br><br>"] * 4, ["<br><br>"] * 4]
+    )
     seal = folder.seal(record["step"])
     known = {
         "record": f"{folder.file(record['step'], '.json').name}, SHA-256 {seal}",

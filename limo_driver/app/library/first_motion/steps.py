@@ -36,7 +36,13 @@ from limo_driver.app.library.first_motion.motions import (
 from limo_driver.app.library.first_motion.page import step_page
 from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
 from limo_driver.app.library.first_motion.records import digest as digest_of
-from limo_driver.errors import BackendError, ConfigError, HoldingError, JointLimitError, PathError
+from limo_driver.errors import (
+    BackendError,
+    ConfigError,
+    HoldingError,
+    JointLimitError,
+    PathError,
+)
 from limo_driver.robot.playback import Playback, PlaybackSummary
 from limo_driver.robot.registry import Examination
 from limo_driver.robot.robot import Robot

@@ -14,8 +14,8 @@ from limo_driver.network.messages import decode_joint_state, decode_torque_estim
 from limo_driver.network.streaming import Keys
 from limo_driver.pages import Charts, Page
 from limo_driver.pages.figures import DRAWN, JOINTS, curve, layout
-from limo_driver.pages.markup import header, key, section, table
-from limo_driver.quoting import Html
+from limo_driver.pages.markup import header, key, section, table, typeset
+from limo_driver.quoting import in_html as escape
 from limo_driver.recordings.recording import Recording
 
 if TYPE_CHECKING:
@@ -96,12 +96,15 @@ _FILES: Final = {
 }
 
 
-_MISSED: Final = Html('<b class="failed">missed</b>')
-
-
 def _steps(proof: Proof) -> str:
     rows = [
-        ["held" if step.held else _MISSED, step.name, step.figure, step.bar] for step in proof.steps
+        [
+            "held" if step.held else '<b class="failed">missed</b>',
+            escape(typeset(step.name)),
+            escape(typeset(step.figure)),
+            escape(typeset(step.bar)),
+        ]
+        for step in proof.steps
     ]
     return table(["", "step", "figure", "bar"], rows) if rows else "<p>None was reached.</p>"
 

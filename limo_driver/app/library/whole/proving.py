@@ -60,7 +60,9 @@ _NANOSECONDS: Final = 1e9
 
 
 def prove(
-    out: Path, backend: str = "mujoco", progress: Callable[[str, float], None] | None = None
+    out: Path,
+    backend: str = "mujoco",
+    progress: Callable[[str, float], None] | None = None,
 ) -> Proof:
     """Go the whole way once.
 
@@ -92,7 +94,11 @@ class _Run:
     """One way through all of it."""
 
     def __init__(
-        self, out: Path, wire: ProvenWire, proof: Proof, tell: Callable[[str, float], None]
+        self,
+        out: Path,
+        wire: ProvenWire,
+        proof: Proof,
+        tell: Callable[[str, float], None],
     ) -> None:
         self.out, self.wire, self.proof, self.tell = out, wire, proof, tell
         self.believed, self.arm = plant.believed(), plant.true_arm()

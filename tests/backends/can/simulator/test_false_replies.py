@@ -116,38 +116,6 @@ def test_change_no_torque_where_the_arm_is_faster_than_its_rate(
         if robot.receive().holding:
             with suppress(BackendError):
                 robot.resume()
-    check_rate_where_it_is(bus, config, where)
-
-
-@pytest.mark.parametrize("cycles", [1, 40])
-@pytest.mark.parametrize("before", ["position", "impedance", "torque"])
-@pytest.mark.parametrize("after", ["position", "impedance", "torque", "hold"])
-@pytest.mark.parametrize("away", [-0.04, 0.015])
-def test_that_a_mode_begins_with_change_no_torque_faster(
-    robot, bus, config, before, after, cycles, away
-):
-    """The springs of both modes are where the arm is, whatever is measured."""
-    start = robot.receive().position
-    for _ in range(20):
-        robot.send(command(before, start))
-        robot.receive()
-    bus.sent.clear()
-    lying(bus, cycles, away=away)
-    state, where = robot.receive(), [bus.station.arm.encoders[0]]
-    place = state.position
-    for _ in range(60):
-        where.append(bus.station.arm.encoders[0])
-        if after == "hold":
-            robot.hold()
-        else:
-            with suppress(BackendError):
-                robot.send(command(after, place))
-        robot.receive()
-    check_rate_where_it_is(bus, config, where)
-
-
-def check_rate_where_it_is(bus, config, where):
-    """Check the torque of joint 1 that each command makes where the arm was then [rad]."""
 
     def torque(said, position):
         return (
@@ -160,25 +128,6 @@ def check_rate_where_it_is(bus, config, where):
     rounding = 1.5 * 500 * 2 * ranges.position / 65535  # of two that are said, one that is measured
     most = config.model.limits.torque_rate[0] / config.rate
     assert np.abs(changes).max() <= most + ranges.torque_step + rounding
-
-
-def test_what_is_left_of_a_spring_is_in_the_torque_that_send_returns(robot, bus):
-    start = robot.receive().position
-    for _ in range(20):
-        robot.send(PositionCommand(position=start))
-        robot.receive()
-    lying(bus, 1, away=0.015)
-    robot.receive()
-    bus.sent.clear()
-    sent = robot.send(command("torque", start))
-    robot.receive()
-    (said,) = told(bus)
-    assert said.stiffness > 100.0
-    made = said.stiffness * (said.position - start[0] - 0.015) + said.torque
-    ranges = bus.station.drives[0].ranges
-    gravity = robot._link.carried[0]
-    assert made - gravity == pytest.approx(sent.torque[0], abs=ranges.torque_step + 0.3)
-    assert "torque_rate" in sent.limited_by
 
 
 def test_an_arm_that_lied_takes_commands_once_it_is_back(robot, bus):

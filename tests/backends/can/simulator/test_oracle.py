@@ -59,7 +59,10 @@ def dictionary():
     objects = canopen.ObjectDictionary()
     for index, (name, kind) in VARIABLES.items():
         objects.add_object(variable(name, index, 0, kind))
-    for index, kinds in ((0x1016, [UNSIGNED32]), (0x1018, [UNSIGNED32] * 4)):
+    for index, kinds in (
+        (0x1016, [UNSIGNED32]),
+        (0x1018, [UNSIGNED32] * 4),
+    ):
         array = ODArray(f"array {index:X}", index)
         array.add_member(variable("number", index, 0, UNSIGNED8))
         for k, kind in enumerate(kinds, start=1):

@@ -44,8 +44,7 @@ class InStep(Pace):
         self._robot = robot
 
     def wait(self) -> int:
-        idle = self._robot._session.state is SessionState.IDLE  # in which nobody answers
-        over = idle or self._robot._ends < self._robot._time + 1.0
+        over = self._robot._session.state is SessionState.IDLE  # in which nobody answers
         select.select([self._robot._port._socket], [], [], 0.01 if over else 10.0)
         return 0
 

@@ -201,7 +201,8 @@ def test_two_drives_of_a_joint_are_refused(arm):
 
 
 @pytest.mark.parametrize(
-    "given", [{"gain": 0.0}, {"torque_limit": -1.0}, {"tolerances": {"torque_limit": 0.1}}]
+    "given",
+    [{"gain": 0.0}, {"torque_limit": -1.0}, {"tolerances": {"torque_limit": 0.1}}],
 )
 def test_values_that_no_drive_has_are_refused(given):
     with pytest.raises(ParameterError):

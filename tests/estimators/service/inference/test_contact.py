@@ -15,7 +15,10 @@ from estimators.service.settings import ServiceSettings
 from estimators.stream import Stream
 from limo_driver.errors import ConfigError, ShapeError
 from limo_driver.network.contact_state import Touch
-from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.network.messages import (
+    Attachment,
+    JointStateCodec,
+)
 
 
 class Unlike:

@@ -6,12 +6,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from fed_service import DELAY, NAMES, RATE, START, feed, in_python, live, messages, service_of
+from fed_service import (
+    DELAY,
+    NAMES,
+    RATE,
+    START,
+    feed,
+    in_python,
+    live,
+    messages,
+    service_of,
+)
 
 from estimators.embedded.compiled_stream import CompiledStream
 from estimators.stream import Stream
 from limo_driver.network.contact_state import Touch
-from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.network.messages import (
+    Attachment,
+    JointStateCodec,
+)
 from limo_driver.physics import ExternalContact, Simulation
 from limo_driver.recordings.recording import Recording
 from limo_driver.types import Motion

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from fed_service import NAMES, RATE, START, feed, live, messages, service_of
 
-from limo_driver.network.messages import Attachment, JointStateCodec
+from limo_driver.network.messages import (
+    Attachment,
+    JointStateCodec,
+)
 
 
 class TestLosses:

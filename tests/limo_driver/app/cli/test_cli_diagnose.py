@@ -315,7 +315,10 @@ def _spoilt(path, tmp_path, **columns):
     ("columns", "said"),
     [
         ({"position_2": lambda q: 57.3 * q + 57}, "position_2 "),
-        ({f"torque_{j}": lambda tau: np.nan * tau for j in range(1, 8)}, "usable rows of 2000"),
+        (
+            {f"torque_{j}": lambda tau: np.nan * tau for j in range(1, 8)},
+            "usable rows of 2000",
+        ),
         ({"time": lambda t: t / 100}, "Hz, expected 10 to 5000 Hz"),
     ],
 )

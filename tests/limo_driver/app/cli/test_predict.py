@@ -105,7 +105,9 @@ def model(tmp_path_factory):
     t = np.arange(3000) / RATE
     position = 0.3 * np.sin(2 * np.pi * np.linspace(0.2, 0.5, 7) * t[:, None])
     recording = Recording.from_arrays(
-        t, position, SIMULATION.predict(Recording.from_arrays(t, position, np.ones_like(position)))
+        t,
+        position,
+        SIMULATION.predict(Recording.from_arrays(t, position, np.ones_like(position))),
     )
     folder = tmp_path_factory.mktemp("model")
     settings = TrainingSettings(epochs=1, folds=1, hidden=4)

@@ -145,7 +145,10 @@ class FriBench:
             ways = zip((0.8, 1.6), POSES, strict=True)
             events += [HandGuiding(at=at, duration=0.5, position=pose) for at, pose in ways]
         wanted = ControllerSettings(
-            Address("127.0.0.1", self.port), position=START, period_ms=10, **{**PATIENT, **settings}
+            Address("127.0.0.1", self.port),
+            position=START,
+            period_ms=10,
+            **{**PATIENT, **settings},
         )
         scenario = ControllerScenario(tuple(events))
         with SimulatedController(wanted, simulation, scenario) as robot:

@@ -131,7 +131,9 @@ def test_a_full_disk_where_it_runs_is_no_finished_row(fleet, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "failure", [OSError(errno.EIO, os.strerror(errno.EIO)), MemoryError()], ids=["disk", "memory"]
+    "failure",
+    [OSError(errno.EIO, os.strerror(errno.EIO)), MemoryError()],
+    ids=["disk", "memory"],
 )
 def test_what_the_machine_failed_is_no_finished_row(fleet, monkeypatch, failure):
     job, row = row_of(fleet, "b/2026-03-02.parquet")

@@ -83,7 +83,8 @@ def test_a_robot_on_the_wall_is_judged_as_it_hangs():
     hanging = measured(replace(TRUE, effects=(*TRUE.effects, GravityDirection(gravity=wall))))
     with pytest.raises(RecordingError, match="torque_4 has the other sign"):
         identified(
-            replace(hanging, torque=hanging.torque * (1 - 2 * ONE[3])), robot=ARM.with_gravity(wall)
+            replace(hanging, torque=hanging.torque * (1 - 2 * ONE[3])),
+            robot=ARM.with_gravity(wall),
         )
 
 

@@ -109,7 +109,10 @@ REFUSED = [
         lambda: mapping(joints=tuple("abcdefg")).columns(table_of(LOG), arm()),
         "the mapping is of the joints a, b, .* but iiwa14 has",
     ),
-    (lambda: mapping(torque=None).columns(table_of(LOG), arm()), "has no measured torque"),
+    (
+        lambda: mapping(torque=None).columns(table_of(LOG), arm()),
+        "has no measured torque",
+    ),
     (
         lambda: mapping(torque=Channels(columns=TORQUE_COLUMNS, unit=("A",))).columns(
             table_of(LOG), arm()

@@ -11,7 +11,11 @@ from limo_driver.recordings.files.batches import Stretches, blocks_of, kept_of, 
 from limo_driver.recordings.recording import Recording
 
 
-@given(st.lists(st.integers(0, 60), max_size=30), st.integers(1, 12), st.integers(1, 8))
+@given(
+    st.lists(st.integers(0, 60), max_size=30),
+    st.integers(1, 12),
+    st.integers(1, 8),
+)
 def test_what_is_kept_is_spread_evenly_and_never_too_much(sizes, rows, many):
     stretches = Stretches[np.ndarray](lambda piece, a, b: piece[a:b], most=rows * many, rows=rows)
     start = 0

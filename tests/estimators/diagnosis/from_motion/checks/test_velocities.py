@@ -34,7 +34,10 @@ def told(command, position=POSITION):
         (np.negative, "has one of them the other sign?"),
         (lambda c: c[:, ::-1], "joint 1 follows command_velocity_2, not command_velocity_1"),
         (np.zeros_like, "command_velocity_1 is always 0 while joint 1 moves"),
-        (lambda _: WANTED, "are these set-points of positions, command_1?"),
+        (
+            lambda _: WANTED,
+            "are these set-points of positions, command_1?",
+        ),
         (lambda _: np.gradient(POSITION, TIME, axis=0), "is the velocity of joint 1 itself"),
     ],
 )

@@ -10,11 +10,20 @@ from servo_arms import commands, recorded, write_arm
 
 from estimators.diagnosis.from_motion import free_run
 from estimators.diagnosis.from_motion.fitting.arm import ArmProblem, Weights, fit_arm
-from estimators.diagnosis.from_motion.search import Searched, beliefs, search, stated_guess
+from estimators.diagnosis.from_motion.search import (
+    Searched,
+    beliefs,
+    search,
+    stated_guess,
+)
 from estimators.diagnosis.from_motion.simulation.constants import DAMPING, inner, value_in
 from estimators.diagnosis.from_motion.simulation.loads import ArmLoads
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.from_motion.stated import prove_on_part, stated_arm, with_intervals
+from estimators.diagnosis.from_motion.stated import (
+    prove_on_part,
+    stated_arm,
+    with_intervals,
+)
 from estimators.diagnosis.from_motion.suspects import Suspect
 from estimators.diagnosis.settings import Z95
 from limo_driver.physics import GravityDirection, Simulation, StribeckFriction
@@ -61,7 +70,8 @@ def test_a_joint_that_gravity_does_not_load_has_no_gain_beside_one_that_it_does(
     time, command = commands(4.0, 50.0)
     found = found_in(stated, [recorded(time, command, command)], 0)
     monkeypatch.setattr(
-        "estimators.diagnosis.from_motion.stated.gives_scale", lambda _load: np.array([True, False])
+        "estimators.diagnosis.from_motion.stated.gives_scale",
+        lambda _load: np.array([True, False]),
     )
 
     loaded, light = stated_arm(stated, found, found.fit).identified.fits

@@ -229,7 +229,8 @@ def test_stiction_that_is_fitted_is_no_suspect_again(stated, recordings):
 def test_stiction_that_is_stated_is_still_a_suspect(stated, recordings):
     """It may be another amount."""
     sticky = replace(
-        stated, effects=(*stated.effects, StribeckFriction(joint=1, tau_s=0.1, v_s=0.03))
+        stated,
+        effects=(*stated.effects, StribeckFriction(joint=1, tau_s=0.1, v_s=0.03)),
     )
     loads, guess = ArmLoads(stated.body, recordings[:1]), stated_guess(rows_of(sticky))
 

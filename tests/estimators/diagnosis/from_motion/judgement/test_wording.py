@@ -14,7 +14,13 @@ from estimators.diagnosis.from_motion.fitting.identification import DriveIdentif
 from estimators.diagnosis.from_motion.fitting.joint import JointFit
 from estimators.diagnosis.from_motion.simulation.constants import KINDS, with_values
 from estimators.diagnosis.from_motion.simulation.plant import rows_of
-from estimators.diagnosis.from_motion.verdict import about_scale, full_load, plays, sags, undecided
+from estimators.diagnosis.from_motion.verdict import (
+    about_scale,
+    full_load,
+    plays,
+    sags,
+    undecided,
+)
 from limo_driver.physics import Simulation, ViscousFriction
 from limo_driver.physics.drives import PositionServo
 

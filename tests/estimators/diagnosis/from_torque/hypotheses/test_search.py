@@ -135,7 +135,8 @@ def test_a_positive_effect_is_not_named_for_its_opposite(columns):
 
 
 @pytest.mark.parametrize(
-    "pair", [("coulomb_friction", "asymmetric_friction"), ("link_inertia", "payload")]
+    "pair",
+    [("coulomb_friction", "asymmetric_friction"), ("link_inertia", "payload")],
 )
 def test_of_two_effects_of_which_one_is_part_of_the_other_one_is_taken(columns, pair):
     y = 3 * (columns[:, 0] + columns[:, 1]) + noise(4)
@@ -191,7 +192,10 @@ def test_what_costs_nothing_and_brings_nothing_is_no_member(columns, last_bit):
     """A coefficient that would need the other sign leaves a set as likely as it is without."""
     same = columns.copy()
     same[:, 4] = -(1.0 + last_bit) * same[:, 2]
-    free = [candidate(2), replace(candidate(4, positive=True), kind="deviating")]
+    free = [
+        candidate(2),
+        replace(candidate(4, positive=True), kind="deviating"),
+    ]
     search = search_of(same, 30.0 * same[:, 2] + noise(4), free)
     search._prices[:] = 0.0
     assert search.best().members == (0,)

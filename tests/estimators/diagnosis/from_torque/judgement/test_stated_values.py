@@ -7,7 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimators.diagnosis.from_torque.judgement.questions import are_currents, with_guesses
+from estimators.diagnosis.from_torque.judgement.questions import (
+    are_currents,
+    with_guesses,
+)
 from estimators.diagnosis.from_torque.pipeline import diagnose
 from limo_driver.physics import (
     CoulombFriction,

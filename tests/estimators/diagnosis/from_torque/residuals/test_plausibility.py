@@ -404,7 +404,9 @@ def heavier(*links):
     known = GIVEN.model.inertials
     changed = {
         link: replace(
-            known[link], mass=1.5 * known[link].mass, com=tuple(x + 0.03 for x in known[link].com)
+            known[link],
+            mass=1.5 * known[link].mass,
+            com=tuple(x + 0.03 for x in known[link].com),
         )
         for link in links
     }

@@ -5,7 +5,12 @@ from dataclasses import replace
 
 import pytest
 
-from limo_driver.app.library.first_motion.records import STEPS, Folder, Identity, description_digest
+from limo_driver.app.library.first_motion.records import (
+    STEPS,
+    Folder,
+    Identity,
+    description_digest,
+)
 from limo_driver.errors import ConfigError
 from limo_driver.model import RobotModel
 from limo_driver.physics import Payload, Simulation

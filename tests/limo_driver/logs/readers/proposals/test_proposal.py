@@ -423,7 +423,8 @@ def test_numbers_of_another_robots_joints_are_a_question_asked_once(name):
 
 
 @pytest.mark.parametrize(
-    "name", ["q{}", "joint_{}_pos", "A{}", "state.joint{}_pos_raw", "axisQMsr_LBR_iiwa_14_R820_{}"]
+    "name",
+    ["q{}", "joint_{}_pos", "A{}", "state.joint{}_pos_raw", "axisQMsr_LBR_iiwa_14_R820_{}"],
 )
 def test_numbers_alone_and_the_robots_own_name_are_no_question(name):
     log = numbered(f"{name} [rad]", POSITION, 1)
