@@ -349,7 +349,7 @@ def _reach(speed: FloatArray) -> float:
         speed: Of one joint, where it was fitted, (K,) [rad/s].
     """
     varied = float(np.mean(speed**2)) / max(float(np.mean(speed)) ** 2, TINY) - 1.0
-    return 1.0 + (FAR - 1.0) * float(np.clip(varied / (np.pi**2 / 8.0 - 1.0), 0.0, 1.0))
+    return 1.0 + (FAR - 1.0) * float(np.clip(varied / ((np.pi / 2.0) ** 2 / 2.0 - 1.0), 0.0, 1.0))
 
 
 def farther(found: Observations, given: Simulation) -> Observations:
