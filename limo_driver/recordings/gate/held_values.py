@@ -252,10 +252,24 @@ def velocity_factors(columns: Columns, rows: IntArray) -> dict[int, float]:
     if columns.velocity is None:
         return {}
     position = columns.position[rows]
-    velocity = columns.velocity[rows]
-    return {
-        j: factor
-        for j in np.flatnonzero(np.ptp(position, axis=0) > _SWUNG).tolist()
-        if (factor := velocity_factor(columns.time[rows], position[:, j], velocity[:, j]))
-        is not None
-    }
+    swings = np.ptp(position, axis=0) > _SWUNG
+    factors = factors_by_joint(columns.time[rows], position, columns.velocity[rows], swings)
+    return {int(j): float(factors[j]) for j in np.flatnonzero(np.isfinite(factors))}
+
+
+def factors_by_joint(
+    time: FloatArray, position: FloatArray, velocity: FloatArray, moves: BoolArray
+) -> FloatArray:
+    """Return velocities over rates of change of positions, (n,); NaN of joints that rest.
+
+    Noise of a joint that rests has a factor of its own, which says nothing of units.
+
+    Args:
+        time: (T,) [s].
+        position: (T, n).
+        velocity: (T, n).
+        moves: Which joints do, (n,).
+    """
+    own = zip(position.T, velocity.T, moves, strict=True)
+    found = [velocity_factor(time, q, v) if moving else None for q, v, moving in own]
+    return np.array(found, dtype=float)

@@ -100,7 +100,7 @@ class Linearised:
         deviation = nuisance.prior.deviation.copy()
         for link in bodies:
             deviation[PER_LINK * link : PER_LINK * (link + 1)] = CANDIDATES.wrong_inertia
-        own = tuple(_entered(effect, lacking, columns) for effect in found)
+        own = tuple(_enter_columns(effect, lacking, columns) for effect in found)
         known = Prior.free(nuisance.prior.index, deviation)
         return cls(observed, tuple(found), columns, nuisance, known, own)
 
@@ -377,7 +377,7 @@ def _energy(residual: FloatArray, noise: Noise, use: BoolArray) -> float:
     return float(sum(values @ values for values in white))
 
 
-def _entered(effect: Effect, observed: Observations, columns: ColumnTable) -> Prior:
+def _enter_columns(effect: Effect, observed: Observations, columns: ColumnTable) -> Prior:
     """Add what each number of an effect adds to the torque, to first order."""
     entries = entries_of(effect)
     ends = [sides(effect, entry) for entry in entries]

@@ -298,7 +298,7 @@ def search_on(problem: RegressionProblem, noise: Noise) -> Search:
 
 def improve(solution: Solution) -> Simulation:
     """Write nuisance shifts and findings into the simulation, but for `impossible` members."""
-    return _entered(solution)[0]
+    return _apply_members(solution)[0]
 
 
 def simulated(solution: Solution) -> FloatArray:
@@ -317,10 +317,10 @@ def lost_by(solution: Solution) -> dict[int, float]:
 
 def impossible(solution: Solution) -> tuple[int, ...]:
     """Return the members whose fitted values no such effect can have, as a gain below -1."""
-    return _entered(solution)[1]
+    return _apply_members(solution)[1]
 
 
-def _entered(solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
+def _apply_members(solution: Solution) -> tuple[Simulation, tuple[int, ...]]:
     problem = solution.problem
     observed = problem.observed
     improvement = Improvement(observed.simulation, observed.extents)

@@ -50,9 +50,8 @@ def pruned(solution: Solution) -> Solution:
         solution = _less(solution, refused)
     while (runaway := _runaway(solution)) is not None:
         solution = _less(solution, (runaway,))
-    everywhere = range(
-        solution.problem.observed.n
-    )  # what one joint lacks, bodies fit in part at all
+    # what one joint lacks, bodies fit in part at all
+    everywhere = range(solution.problem.observed.n)
     while idle := [member for member in solution.members if not _helps(solution, member)]:
         size = {member: error_removed(solution, member, everywhere) for member in idle}
         solution = _less(solution, (min(idle, key=lambda member: size[member]),))

@@ -113,7 +113,7 @@ def candidates_of(
         parts = iter(responses([term for item in some for term in item.terms], observed))
         for hypothesis in some:
             own = [next(parts) for _ in hypothesis.terms]
-            candidate = _entered(hypothesis, own, columns, level)
+            candidate = _enter_columns(hypothesis, own, columns, level)
             if candidate is not None:
                 found.append(candidate)
     bare, usual = without_friction(observed.simulation), _usual(observed.simulation)
@@ -184,10 +184,10 @@ def entered(
     hypothesis: Hypothesis, observed: Observations, columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     """Add one hypothesis' columns to the table; None if it can have no influence."""
-    return _entered(hypothesis, responses(hypothesis.terms, observed), columns, level)
+    return _enter_columns(hypothesis, responses(hypothesis.terms, observed), columns, level)
 
 
-def _entered(
+def _enter_columns(
     hypothesis: Hypothesis, found: Sequence[Response], columns: ColumnTable, level: FloatArray
 ) -> Candidate | None:
     joints, values = stacked(found, columns.rows)

@@ -52,10 +52,10 @@ class JudgedSet:
     @classmethod
     def of(cls, solution: Solution) -> JudgedSet:
         """Prove and judge a set."""
-        return cls.beside_one(solution, _fitted(solution))
+        return cls.judge(solution, _fitted(solution))
 
     @classmethod
-    def beside_one(cls, solution: Solution, beside: Observations) -> JudgedSet:
+    def judge(cls, solution: Solution, beside: Observations) -> JudgedSet:
         """Judge a set beside a simulation that has it, fitted to no row held out."""
         problem = solution.problem
         # what sensors may add within their tolerances is in no simulation, and nothing unknown
@@ -264,7 +264,7 @@ class JudgedSet:
             member for member in solution.members if not alone(own_joints(problem, member))
         )
         beside = problem.observed.under(replace(found, effects=effects), problem.observed.around)
-        return JudgedSet.beside_one(solution.having(members), beside)
+        return JudgedSet.judge(solution.having(members), beside)
 
 
 def places_of(solution: Solution) -> list[tuple[str, tuple[int, ...], bool]]:

@@ -242,7 +242,7 @@ def gains(solution: Solution, proven: FloatArray, remaining: RemainingResidual) 
 
     Where that states no friction, ordinary friction is no gain: it has to be better than that.
     """
-    given, rows = _given(solution), solution.problem.split.held_out
+    given, rows = _residual_before(solution), solution.problem.split.held_out
     return surely_less(proven, given, remaining.floor, solution.problem.observed, rows)
 
 
@@ -254,7 +254,7 @@ def _betters(solution: Solution, member: int) -> bool:
     """
     problem = solution.problem
     observed = problem.observed
-    given = observed.residual if member in problem.base else _given(solution)
+    given = observed.residual if member in problem.base else _residual_before(solution)
     (left,), rows = in_turn(solution, solution.members)
     scale = rmse(left, rows)[:, None]
     return acts_seldom(solution, member) or any(
@@ -263,7 +263,7 @@ def _betters(solution: Solution, member: int) -> bool:
     )
 
 
-def _given(solution: Solution) -> FloatArray:
+def _residual_before(solution: Solution) -> FloatArray:
     """Return the residual (K, n) that a gain is counted from [N m]."""
     return (
         left_by_tolerances(solution)

@@ -23,7 +23,7 @@ from limo_driver.logs.readers.proposals.gravity import (
 )
 from limo_driver.logs.readers.proposals.slides import slide_units
 from limo_driver.model import RobotModel
-from limo_driver.recordings.gate.held_values import one_factor, velocity_factor
+from limo_driver.recordings.gate.held_values import factors_by_joint, one_factor
 from limo_driver.types import FloatArray
 
 MARGIN: Final = 0.5  # [rad] beyond the limits of a description that a joint may well go
@@ -131,9 +131,9 @@ def _unit_of_velocities(
 ) -> _BySpeed | None:
     """Return the unit of positions (T, k) whose rate of change velocities [rad/s] are."""
     factors = _factors(time, position, velocity)
-    usual = float(np.nanmedian(np.append(factors, 0.0 if np.isnan(factors).all() else math.nan)))
+    middle = _middle(factors[factors > 0])
     for unit in ("rad", "deg"):
-        ratio = usual / UNITS["position"][unit]
+        ratio = middle / UNITS["position"][unit]
         if ALIKE[0] < ratio < ALIKE[1]:
             why = f"the velocities are {ratio:.3g} times their rate of change in {unit}"
             return _BySpeed(unit, why, is_rate=True)
@@ -347,16 +347,15 @@ def velocity_unit(
 
 
 def _factors(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return velocities (T, n) over rates of change of positions, (n,); NaN of joints that rest.
-
-    Noise of a joint that rests beside others has a factor of its own, which says nothing of units.
-    """
+    """Return `factors_by_joint` without signs, (n,); NaN of joints that rest beside others."""
     ranges = np.ptp(position, axis=0)
-    found = [
-        velocity_factor(time, *own) if moves else None
-        for *own, moves in zip(position.T, velocity.T, ranges > _RESTS * ranges.max(), strict=True)
-    ]
-    return np.abs(np.array(found, dtype=float))
+    return np.abs(factors_by_joint(time, position, velocity, ranges > _RESTS * ranges.max()))
+
+
+def _middle(factors: FloatArray) -> float:
+    """Return the median of those that are known; NaN where none is."""
+    known = factors[np.isfinite(factors)]
+    return float(np.median(known)) if known.size else math.nan
 
 
 def are_rates(time: FloatArray, position: FloatArray, velocity: FloatArray) -> bool:
@@ -388,8 +387,7 @@ def _velocity_unit(factors: FloatArray, units: Sequence[str]) -> tuple[str, str]
         factors: Of velocities over rates of change in SI units, (k,); NaN of joints that rest.
         units: That are possible; the first is taken where none fits.
     """
-    known = factors[np.isfinite(factors)]
-    middle = float(np.median(known)) if known.size else math.nan
+    known, middle = factors[np.isfinite(factors)], _middle(factors)
     for unit in units:
         ratio = middle * UNITS["velocity"][unit]
         if ALIKE[0] < ratio < ALIKE[1]:

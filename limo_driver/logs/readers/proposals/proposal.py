@@ -461,13 +461,12 @@ def _rates(
     found = velocity_unit(seconds[rising], motion[rising], values, sliding, stated)
     if found.question and quantity == VELOCITY and (time.columns or time.rate != 1.0):
         draft.questions.append(found.question)
-    taken = draft.take(
-        quantity, family, stated or found.units, "the names say so" if stated else found.why
-    )
-    rates = taken.read(draft.table, VELOCITY)[rising]
-    counts = quantity == VELOCITY and COUNTS in draft.questions
-    if counts and are_rates(seconds[rising], motion[rising], rates):
-        draft.questions.remove(COUNTS)  # no other clock makes them the same
+    why = "the names say so" if stated else found.why
+    taken = draft.take(quantity, family, stated or found.units, why)
+    if quantity == VELOCITY and COUNTS in draft.questions:
+        rates = taken.read(draft.table, VELOCITY)[rising]
+        if are_rates(seconds[rising], motion[rising], rates):
+            draft.questions.remove(COUNTS)  # no other clock makes them the same
     return taken
 
 

@@ -69,7 +69,7 @@ def test_what_is_missing_makes_a_plausible_torque_at_the_joint_where_it_is_stron
 def test_of_a_list_what_hardly_shows_is_as_what_seldom_does_and_what_never_does_is_nothing():
     found = [Response((0,), np.full((1, 4), size)) for size in (1.0, 0.01, 0.0)]
     places = SimpleNamespace(effect="slip", joints=(0,), positive=True, is_list=True, most=3.0)
-    item = candidates._entered(places, found, ColumnTable(4, 1), np.array([2.0]))
+    item = candidates._enter_columns(places, found, ColumnTable(4, 1), np.array([2.0]))
     assert item.prior.deviation == pytest.approx([2.0, 2.0 / MATTERS, 0.0])
 
 

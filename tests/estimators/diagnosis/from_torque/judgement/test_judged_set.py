@@ -92,7 +92,7 @@ def test_values_moved_where_they_are_surely_worse_stay_as_stated(right, changed)
     body = observed.simulation.model.inertials[link]
     lighter = replace(body, mass=changed * body.mass)
     moved = observed.under(replace(observed.simulation, inertials={link: lighter}))
-    worse = JudgedSet.beside_one(nothing, moved)
+    worse = JudgedSet.judge(nothing, moved)
     assert worse._harmed == (0,)  # joint 2 does not feel that link
     found, as_given = worse.without_harmful_members()
     assert as_given
@@ -123,7 +123,7 @@ def beside(rubbing, lighter, f_v, first=0.5):
         effects=(ViscousFriction(joint=1, f_v=first), ViscousFriction(joint=2, f_v=f_v)),
         inertials={link: replace(body, mass=lighter * body.mass)},
     )
-    return JudgedSet.beside_one(nothing, observed.under(found))
+    return JudgedSet.judge(nothing, observed.under(found))
 
 
 def test_values_of_one_joint_stay_where_bodies_harm_another(rubbing):

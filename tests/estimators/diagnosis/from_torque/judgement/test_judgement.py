@@ -140,7 +140,7 @@ def test_a_name_is_kept_back_that_only_mends_what_moved_values_did(sprung, monke
     left = problem.left(solution.fitted)
     remaining = RemainingResidual(np.ones(2), np.zeros(2), left)
     for given, named in ((0.9 * left, ()), (2.0 * left, solution.members)):
-        monkeypatch.setattr(judgement, "_given", lambda *_, given=given: given)
+        monkeypatch.setattr(judgement, "_residual_before", lambda *_, given=given: given)
         assert abstained(solution, remaining) == (named, ())
 
 

@@ -109,9 +109,8 @@ def test_recordings_that_move_one_joint_each_are_not_left_out_whole(rigid, train
 def test_a_slope_goes_on_as_far_as_speeds_have_told_it_from_dry_friction(rigid, speeds, times):
     """At one speed alone both are as likely; beyond it the slope is the one that was stated."""
     time = np.arange(0.0, 20.0, 0.01)
-    swing = np.sin(0.7 * time) / 0.7
-    triangle = 2.0 / np.pi * np.arcsin(np.sin(0.7 * time)) * np.pi / 2.0 / 0.7
-    course = swing if speeds == "a swing" else triangle
+    swing = np.sin(0.7 * time)
+    course = (swing if speeds == "a swing" else np.arcsin(swing)) / 0.7
     position = np.stack([course, course], axis=1)
     recording = Recording.from_arrays(time, position, np.zeros_like(position))
     given = plus(rigid, ViscousFriction(joint=1, f_v=1.0))
